@@ -1,0 +1,2 @@
+//! The habitus command.
+fn main() {}

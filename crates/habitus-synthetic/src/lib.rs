@@ -1,0 +1,1 @@
+//! People, motions, simulated garments and captures of them, with exact truth.

@@ -1,0 +1,1 @@
+//! Body models, fitting and the stages: the library.
