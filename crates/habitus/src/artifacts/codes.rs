@@ -1,0 +1,82 @@
+//! Typed codes: why a frame or a sequence should not be trusted blindly. No wrong body goes out unmarked.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// What is suspicious about one frame or one sequence.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Code {
+    /// The capture of this frame could not be read or is unusable.
+    UnreadableFrame,
+    /// Too few body vertices have a compatible point on the capture.
+    TooFewInliers,
+    /// A part of the capture has no body near it.
+    CaptureNotCovered,
+    /// A part of the body has no capture near it.
+    BodyNotCovered,
+    /// Too much of the body lies outside the capture.
+    BodyOutsideCapture,
+    /// A joint angle rests on its limit.
+    JointAtLimit,
+    /// Body parts intersect one another deeply.
+    SelfIntersection,
+    /// Another start explains the frame almost as well.
+    AmbiguousStart,
+    /// Front and back explain the frame almost equally well.
+    AmbiguousFacing,
+    /// An identity coefficient rests on ±3 standard deviations.
+    IdentityAtLimit,
+    /// The pose jumps from the frame before by more than a person can move.
+    TemporalJump,
+    /// The solver reached its iteration limit or could not descend.
+    NotConverged,
+    /// Large parts of the capture belong to something else: an object, or another person.
+    ForeignObject,
+    /// The unit or the up axis was guessed and is not certain.
+    UncertainFrameOfReference,
+    /// The capture shows no person of plausible size and build.
+    NotAPerson,
+}
+
+impl Code {
+    /// Whether a frame with this code counts as failed: its body must not be used unseen.
+    pub fn is_failure(self) -> bool {
+        matches!(
+            self,
+            Self::UnreadableFrame
+                | Self::TooFewInliers
+                | Self::BodyOutsideCapture
+                | Self::BodyNotCovered
+                | Self::NotAPerson
+        )
+    }
+
+    /// The code as it stands in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::UnreadableFrame => "unreadable_frame",
+            Self::TooFewInliers => "too_few_inliers",
+            Self::CaptureNotCovered => "capture_not_covered",
+            Self::BodyNotCovered => "body_not_covered",
+            Self::BodyOutsideCapture => "body_outside_capture",
+            Self::JointAtLimit => "joint_at_limit",
+            Self::SelfIntersection => "self_intersection",
+            Self::AmbiguousStart => "ambiguous_start",
+            Self::AmbiguousFacing => "ambiguous_facing",
+            Self::IdentityAtLimit => "identity_at_limit",
+            Self::TemporalJump => "temporal_jump",
+            Self::NotConverged => "not_converged",
+            Self::ForeignObject => "foreign_object",
+            Self::UncertainFrameOfReference => "uncertain_frame_of_reference",
+            Self::NotAPerson => "not_a_person",
+        }
+    }
+}
+
+impl fmt::Display for Code {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(self.name())
+    }
+}

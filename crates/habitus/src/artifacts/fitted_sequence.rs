@@ -1,0 +1,89 @@
+//! The result of `fit_sequence`: one identity, a pose for each frame, and what is known of their quality.
+
+use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::codes::Code;
+
+/// How the input's coordinates relate to ours: `internal = metres_per_unit · internal_from_input · input`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct InputFrame {
+    /// Metres in one unit of the input.
+    pub metres_per_unit: f64,
+    /// Rotation from the input's axes to ours (y up).
+    pub internal_from_input: DMat3,
+    /// What was guessed, and why, in words for a person.
+    pub report: Vec<String>,
+}
+
+impl InputFrame {
+    /// From the input's coordinates to metres, y up.
+    pub fn to_internal(&self, point: DVec3) -> DVec3 {
+        self.internal_from_input * point * self.metres_per_unit
+    }
+
+    /// From metres, y up, to the input's coordinates.
+    pub fn to_input(&self, point: DVec3) -> DVec3 {
+        self.internal_from_input.transpose() * point / self.metres_per_unit
+    }
+}
+
+/// A landmark of one frame in metres, y up, with a confidence between 0 and 1.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Landmark {
+    /// Position in metres.
+    pub position: DVec3,
+    /// 0 (guess) to 1 (seen and agreed on).
+    pub confidence: f64,
+}
+
+/// One frame's pose and quality.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FittedFrame {
+    /// The frame's name: its file name.
+    pub name: String,
+    /// Pose parameters in metres and radians, y up.
+    pub pose: Vec<f64>,
+    /// Landmarks in the model's order.
+    pub landmarks: Vec<Landmark>,
+    /// Codes that fired.
+    pub codes: Vec<Code>,
+    /// Share of body vertices with a compatible point on the capture.
+    pub inlier_share: f64,
+    /// Share of body vertices more than 5 mm outside the capture.
+    pub outside_share_5mm: f64,
+    /// Mean depth outside the capture over all body vertices, in metres.
+    pub outside_mean: f64,
+    /// Energy per vertex at the end, in square metres.
+    pub energy: f64,
+    /// Seconds spent on the frame.
+    pub seconds: f64,
+}
+
+impl FittedFrame {
+    /// Whether the body of this frame may be used unseen.
+    pub fn is_ok(&self) -> bool {
+        !self.codes.iter().any(|code| code.is_failure())
+    }
+}
+
+/// One identity and a pose for each frame, in metres, y up.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FittedSequence {
+    /// How the input relates to metres, y up.
+    pub input_frame: InputFrame,
+    /// Identity coefficients in standard deviations.
+    pub identity: Vec<f64>,
+    /// Standard error of each coefficient, in standard deviations of the population.
+    pub identity_uncertainty: Vec<f64>,
+    /// Rest vertices of the identity in model space, metres.
+    pub rest_vertices: Vec<DVec3>,
+    /// Rest joints of the identity in model space, metres.
+    pub rest_joints: Vec<DVec3>,
+    /// Smallest clearance of each vertex over the trusted frames, in metres; negative: outside the capture.
+    pub smallest_clearance: Vec<f64>,
+    /// The frames in order.
+    pub frames: Vec<FittedFrame>,
+    /// Codes of the sequence as a whole.
+    pub codes: Vec<Code>,
+}

@@ -1,0 +1,20 @@
+//! What stages hand to one another: data and its file form, no algorithm.
+
+pub mod codes;
+pub mod fitted_sequence;
+pub mod npz;
+
+use std::io::Write;
+use std::path::Path;
+
+/// Writes a file under a temporary name beside it and renames it: a kill at any moment leaves either
+/// the old file or the new one.
+pub fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    name.push(".partial");
+    let temporary = path.with_file_name(name);
+    let mut file = std::fs::File::create(&temporary)?;
+    file.write_all(bytes)?;
+    file.sync_all()?;
+    std::fs::rename(&temporary, path)
+}

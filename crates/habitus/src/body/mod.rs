@@ -1,0 +1,14 @@
+//! The S-SCAPE body model (P1 §2, P2 §3): a linear identity space, moved by linear blend skinning.
+//!
+//! `posed = skinning(rest(identity), posed_from_rest(pose, joints(identity)))`. The joints follow the
+//! shape through a sparse regressor, so that long and short bodies bend in their own places.
+
+mod file;
+mod model;
+mod skeleton;
+mod surface;
+
+pub use file::ModelFileError;
+pub use model::{BodyModel, ModelMetadata, PartLabel};
+pub use skeleton::{Axis, BONE_COUNT, Bone, POSE_LENGTH, Pose, PosedSkeleton, Skeleton, SkeletonError};
+pub use surface::{BodySurface, IdentityCoefficients, JointMap, SkinWeights};
