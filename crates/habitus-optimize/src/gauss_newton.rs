@@ -1,0 +1,250 @@
+//! Damped Gauss–Newton steps that are exact inside the box.
+
+use nalgebra::DVector;
+
+use crate::box_quadratic::{BoxStep, Position, minimize_box_quadratic};
+use crate::observer::{Event, Flow, Observer};
+use crate::sink::{NormalEquations, ValueSum};
+use crate::termination::{SolveReport, StopReason, Tolerances};
+use crate::{Bounds, Objective, SolveError};
+
+/// Settings of [`gauss_newton`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GaussNewtonSettings {
+    /// Accepted steps at most.
+    pub max_iterations: usize,
+    /// Damping of the first step, relative to the diagonal of the normal matrix.
+    pub initial_damping: f64,
+    /// Damping above which the search for a descending step ends.
+    pub max_damping: f64,
+    /// When to stop.
+    pub tolerances: Tolerances,
+}
+
+impl Default for GaussNewtonSettings {
+    fn default() -> Self {
+        Self {
+            max_iterations: 50,
+            initial_damping: 1e-4,
+            max_damping: 1e12,
+            tolerances: Tolerances::default(),
+        }
+    }
+}
+
+impl GaussNewtonSettings {
+    fn validate(&self) -> Result<(), SolveError> {
+        for (name, value) in [("initial_damping", self.initial_damping), ("max_damping", self.max_damping)] {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err(SolveError::InvalidSetting {
+                    name,
+                    value,
+                    remedy: "use a finite number of at least zero",
+                });
+            }
+        }
+        self.tolerances.validate()
+    }
+}
+
+/// Share of the largest diagonal entry that a parameter without influence is damped by, so that the matrix stays definite.
+const DIAGONAL_FLOOR: f64 = 1e-12;
+/// Damping below which it no longer matters.
+const DAMPING_FLOOR: f64 = 1e-12;
+/// Multiples of the rounding unit of the energy below which a predicted decrease cannot be verified.
+const VERIFIABLE_DECREASE: f64 = 8.0 * f64::EPSILON;
+
+/// Minimises `objective` inside `bounds`, starting from and writing to `parameters`.
+///
+/// Each step minimises the Gauss–Newton model with Levenberg damping scaled by its diagonal (Marquardt) over the box
+/// itself, and is accepted only if the true energy falls; the damping follows Nielsen (1999). A start outside the box is
+/// first moved to its nearest point. On an error `parameters` hold the last accepted point.
+pub fn gauss_newton(
+    objective: &dyn Objective,
+    parameters: &mut [f64],
+    bounds: &Bounds,
+    settings: &GaussNewtonSettings,
+    observer: &mut dyn Observer,
+) -> Result<SolveReport, SolveError> {
+    settings.validate()?;
+    crate::objective::validate_start(objective, parameters, bounds)?;
+    bounds.project(parameters);
+
+    let mut model = NormalEquations::new(parameters.len());
+    model.evaluate(objective, parameters);
+    model.check(1)?;
+    let mut report = SolveReport {
+        reason: StopReason::IterationLimit,
+        iterations: 0,
+        evaluations: 1,
+        initial_energy: model.value,
+        final_energy: model.value,
+    };
+    let mut damping = Damping { value: settings.initial_damping, growth: 2.0 };
+    let mut trial = parameters.to_vec();
+    loop {
+        if is_stationary(&model, parameters, bounds, &settings.tolerances) {
+            report.reason = StopReason::GradientSmall;
+            return Ok(report);
+        }
+        if report.iterations >= settings.max_iterations {
+            report.reason = StopReason::IterationLimit;
+            return Ok(report);
+        }
+        let descent = find_descent(
+            objective,
+            parameters,
+            &mut trial,
+            bounds,
+            &model,
+            &mut damping,
+            settings,
+            &mut report,
+        )?;
+        let Descent::Found { energy, step_norm } = descent else {
+            report.reason =
+                if descent == Descent::Unverifiable { StopReason::EnergyFlat } else { StopReason::NoDescent };
+            return Ok(report);
+        };
+        let decrease = report.final_energy - energy;
+        parameters.copy_from_slice(&trial);
+        report.iterations += 1;
+        report.final_energy = energy;
+        let event = Event::Iteration { iteration: report.iterations, energy, step_norm };
+        let reason = if observer.on_event(&event) == Flow::Stop {
+            Some(StopReason::Cancelled)
+        } else if settings.tolerances.is_energy_flat(decrease, energy) {
+            Some(StopReason::EnergyFlat)
+        } else if settings.tolerances.is_step_small(step_norm, norm(parameters)) {
+            Some(StopReason::StepSmall)
+        } else {
+            None
+        };
+        if let Some(reason) = reason {
+            report.reason = reason;
+            return Ok(report);
+        }
+        if report.iterations < settings.max_iterations {
+            model.evaluate(objective, parameters);
+            report.evaluations += 1;
+            model.check(report.evaluations)?;
+        }
+    }
+}
+
+/// Levenberg damping and how fast the next refusal raises it.
+struct Damping {
+    value: f64,
+    growth: f64,
+}
+
+impl Damping {
+    fn lower(&mut self, gain: f64) {
+        self.value = (self.value * (1.0 - (2.0 * gain - 1.0).powi(3)).max(1.0 / 3.0)).max(DAMPING_FLOOR);
+        self.growth = 2.0;
+    }
+
+    fn raise(&mut self) {
+        self.value = self.value.max(DAMPING_FLOOR) * self.growth;
+        self.growth *= 2.0;
+    }
+}
+
+#[derive(PartialEq)]
+enum Descent {
+    /// A step that lowers the energy, already in the trial parameters.
+    Found { energy: f64, step_norm: f64 },
+    /// The model promises less than rounding of the energy lets us see.
+    Unverifiable,
+    /// No damping up to the limit helped.
+    NotFound,
+}
+
+#[expect(clippy::too_many_arguments, reason = "the state of one solve, split to borrow its parts")]
+fn find_descent(
+    objective: &dyn Objective,
+    parameters: &[f64],
+    trial: &mut [f64],
+    bounds: &Bounds,
+    model: &NormalEquations,
+    damping: &mut Damping,
+    settings: &GaussNewtonSettings,
+    report: &mut SolveReport,
+) -> Result<Descent, SolveError> {
+    let lower: Vec<f64> = bounds.lower.iter().zip(parameters).map(|(l, p)| l - p).collect();
+    let upper: Vec<f64> = bounds.upper.iter().zip(parameters).map(|(u, p)| u - p).collect();
+    while damping.value <= settings.max_damping {
+        let step = match damped_step(model, damping.value, &lower, &upper) {
+            Ok(step) => step,
+            // More damping makes the matrix definite and the active set trivial.
+            Err(SolveError::NotPositiveDefinite { .. } | SolveError::ActiveSetUnsettled { .. }) => {
+                damping.raise();
+                continue;
+            }
+            Err(error) => return Err(error),
+        };
+        let predicted = predicted_decrease(model, &step.step);
+        if predicted <= VERIFIABLE_DECREASE * model.value {
+            return Ok(Descent::Unverifiable);
+        }
+        move_by(parameters, &step, bounds, trial);
+        let sum = ValueSum::of(objective, trial);
+        report.evaluations += 1;
+        sum.check(report.evaluations)?;
+        if sum.value < model.value {
+            damping.lower((model.value - sum.value) / predicted);
+            return Ok(Descent::Found { energy: sum.value, step_norm: step.step.norm() });
+        }
+        damping.raise();
+    }
+    Ok(Descent::NotFound)
+}
+
+fn damped_step(
+    model: &NormalEquations,
+    damping: f64,
+    lower: &[f64],
+    upper: &[f64],
+) -> Result<BoxStep, SolveError> {
+    let mut matrix = model.matrix.clone();
+    let largest = matrix.diagonal().max();
+    let floor = if largest > 0.0 { DIAGONAL_FLOOR * largest } else { 1.0 };
+    for i in 0..matrix.nrows() {
+        let scale = matrix[(i, i)];
+        matrix[(i, i)] += (damping * scale).max(floor);
+    }
+    minimize_box_quadratic(&matrix, &model.half_gradient, lower, upper)
+}
+
+/// By how much the undamped model says the energy falls: −(2 hᵀd + dᵀAd), h half the gradient.
+fn predicted_decrease(model: &NormalEquations, step: &DVector<f64>) -> f64 {
+    -(2.0 * model.half_gradient.dot(step) + (&model.matrix * step).dot(step))
+}
+
+/// Writes the stepped parameters; those at a bound take its exact value, the others differ from the box by rounding at most.
+fn move_by(parameters: &[f64], step: &BoxStep, bounds: &Bounds, trial: &mut [f64]) {
+    for (i, moved) in trial.iter_mut().enumerate() {
+        *moved = match step.positions[i] {
+            Position::Free => parameters[i] + step.step[i],
+            Position::AtLower => bounds.lower[i],
+            Position::AtUpper => bounds.upper[i],
+        };
+    }
+    bounds.project(trial);
+}
+
+fn is_stationary(
+    model: &NormalEquations,
+    parameters: &[f64],
+    bounds: &Bounds,
+    tolerances: &Tolerances,
+) -> bool {
+    (0..parameters.len()).all(|i| {
+        bounds.projected_component(i, parameters[i], 2.0 * model.half_gradient[i]).abs()
+            <= tolerances.gradient
+    })
+}
+
+fn norm(parameters: &[f64]) -> f64 {
+    parameters.iter().map(|p| p * p).sum::<f64>().sqrt()
+}
