@@ -1,1 +1,21 @@
 //! Meshes, point clouds and queries on them; knows no body.
+
+pub mod io;
+pub mod mesh;
+pub mod normals;
+pub mod rigid;
+pub mod sampling;
+pub mod surface_index;
+pub mod topology;
+mod triangle;
+pub mod weld;
+
+pub use glam;
+
+pub use mesh::{MeshError, PointCloud, Surface, TriangleMesh};
+pub use normals::{face_normals, vertex_normals, vertex_normals_into};
+pub use rigid::{RigidTransform, procrustes};
+pub use sampling::area_weighted_points;
+pub use surface_index::{RayHit, SurfaceIndex, SurfacePoint};
+pub use topology::{Topology, components};
+pub use weld::{Welded, weld};

@@ -1,0 +1,218 @@
+//! Exact closest points, signs and ray hits on a mesh or an oriented point cloud.
+//!
+//! A four-wide tree of f32 boxes leads to packets of four primitives; f32 only rules out, every answer is
+//! computed in f64 from the primitive itself.
+
+mod closest;
+mod packets;
+mod pseudonormals;
+mod ray;
+mod tree;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::mesh::TriangleMesh;
+use closest::Query;
+use packets::{LANES, Lanes, PointPacket, TrianglePacket};
+use pseudonormals::Pseudonormals;
+use tree::{Bounds, Node, nodes_over, packet_order};
+
+pub use ray::RayHit;
+
+/// Queries per parallel piece of [`SurfaceIndex::closest_many`].
+const QUERY_CHUNK: usize = 256;
+
+/// A point on a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfacePoint {
+    /// The point, in metres.
+    pub position: DVec3,
+    /// The face, or the point's index in a cloud; of several that are equally near, the lowest.
+    pub face: u32,
+    /// The weights of the face's corners; `[1, 0, 0]` in a cloud.
+    pub barycentric: [f64; 3],
+    /// The unit pseudonormal: the face's own inside it, the edge's or vertex's on those; the given normal in a cloud.
+    pub normal: DVec3,
+    /// The squared distance to the point asked about.
+    pub distance_squared: f64,
+}
+
+/// A search tree over the triangles of a mesh or the points of an oriented cloud.
+#[derive(Debug, Clone)]
+pub struct SurfaceIndex {
+    centre: DVec3,
+    /// The largest coordinate about the centre, which bounds the rounding of everything in f32.
+    radius: f64,
+    nodes: Vec<Node>,
+    /// The primitives in packet order, padded with the last one.
+    order: Vec<u32>,
+    primitives: Primitives,
+}
+
+/// What the tree is over.
+#[derive(Debug, Clone)]
+enum Primitives {
+    Triangles { packets: Vec<TrianglePacket>, corners: Vec<[DVec3; 3]>, pseudonormals: Pseudonormals },
+    Points { packets: Vec<PointPacket>, positions: Vec<DVec3>, normals: Vec<DVec3> },
+}
+
+impl SurfaceIndex {
+    /// Indexes the triangles of a mesh.
+    pub fn of_mesh(mesh: &TriangleMesh) -> Self {
+        let positions = mesh.positions();
+        let (centre, radius) = centre_and_radius(positions);
+        let corners: Vec<[DVec3; 3]> =
+            mesh.faces().iter().map(|face| face.map(|vertex| positions[vertex as usize])).collect();
+        let ((order, packets, nodes), pseudonormals) = rayon::join(
+            || {
+                let order =
+                    padded(packet_order(corners.iter().map(|[a, b, c]| (*a + *b + *c) / 3.0 - centre)));
+                let packets: Vec<TrianglePacket> = order
+                    .par_chunks(LANES)
+                    .map(|indices| {
+                        TrianglePacket::new(lanes_of(indices, |index| {
+                            corners[index as usize].map(|corner| corner - centre)
+                        }))
+                    })
+                    .collect();
+                let bounds: Vec<Bounds> =
+                    packets.iter().map(|packet| Bounds::around(&packet.corners)).collect();
+                let nodes = nodes_over(&bounds);
+                (order, packets, nodes)
+            },
+            || Pseudonormals::new(positions, mesh.faces()),
+        );
+        let primitives = Primitives::Triangles { packets, corners, pseudonormals };
+        Self { centre, radius, nodes, order, primitives }
+    }
+
+    /// Indexes the points of a cloud, of which there must be one or more, with one unit normal each.
+    ///
+    /// # Panics
+    /// If there are no points, or not as many normals as points.
+    pub fn of_cloud(positions: &[DVec3], normals: &[DVec3]) -> Self {
+        assert!(!positions.is_empty(), "a cloud needs a point to be searched");
+        assert_eq!(positions.len(), normals.len(), "each point of the cloud needs its normal");
+        let (centre, radius) = centre_and_radius(positions);
+        let order = padded(packet_order(positions.iter().map(|position| *position - centre)));
+        let packets: Vec<PointPacket> = order
+            .chunks(LANES)
+            .map(|indices| PointPacket {
+                points: Lanes::gather(lanes_of(indices, |index| positions[index as usize] - centre)),
+            })
+            .collect();
+        let bounds: Vec<Bounds> = packets.iter().map(|packet| Bounds::around(&[packet.points])).collect();
+        let primitives =
+            Primitives::Points { packets, positions: positions.to_vec(), normals: normals.to_vec() };
+        Self { centre, radius, nodes: nodes_over(&bounds), order, primitives }
+    }
+
+    /// How many faces or points are indexed.
+    pub fn primitive_count(&self) -> usize {
+        match &self.primitives {
+            Primitives::Triangles { corners, .. } => corners.len(),
+            Primitives::Points { positions, .. } => positions.len(),
+        }
+    }
+
+    /// The closest point of the surface to a finite point.
+    pub fn closest(&self, point: DVec3) -> SurfacePoint {
+        // Beyond every finite distance face 0 stands in, so that there always is an answer.
+        self.find_closest(point, f64::INFINITY, None).unwrap_or_else(|| self.on_primitive(point, 0))
+    }
+
+    /// The closest point of the surface, if it is no farther than `radius` metres.
+    pub fn closest_within(&self, point: DVec3, radius: f64) -> Option<SurfacePoint> {
+        self.find_closest(point, radius * radius, None)
+    }
+
+    /// The same answer as [`SurfaceIndex::closest`], found faster where `hint_face` is near the answer.
+    pub fn closest_warm(&self, point: DVec3, hint_face: u32) -> SurfacePoint {
+        if hint_face as usize >= self.primitive_count() {
+            return self.closest(point);
+        }
+        self.find_closest(point, f64::INFINITY, Some(hint_face))
+            .unwrap_or_else(|| self.on_primitive(point, hint_face))
+    }
+
+    /// The closest points of many points, in parallel; `hints` are faces as for [`SurfaceIndex::closest_warm`], one per point.
+    ///
+    /// # Panics
+    /// If there are hints, but not one per point.
+    pub fn closest_many(&self, points: &[DVec3], hints: Option<&[u32]>, closest: &mut Vec<SurfacePoint>) {
+        if let Some(hints) = hints {
+            assert_eq!(hints.len(), points.len(), "each point needs its hint");
+        }
+        points
+            .par_iter()
+            .with_min_len(QUERY_CHUNK)
+            .enumerate()
+            .map(|(place, point)| match hints {
+                Some(hints) => self.closest_warm(*point, hints[place]),
+                None => self.closest(*point),
+            })
+            .collect_into_vec(closest);
+    }
+
+    /// The distance to the surface in metres, negative inside (behind the closest point's pseudonormal).
+    pub fn signed_distance(&self, point: DVec3) -> f64 {
+        let closest = self.closest(point);
+        let distance = closest.distance_squared.sqrt();
+        if (point - closest.position).dot(closest.normal) < 0.0 { -distance } else { distance }
+    }
+
+    fn find_closest(&self, point: DVec3, bound: f64, hint: Option<u32>) -> Option<SurfacePoint> {
+        let query = Query::new(point, self.centre, self.radius);
+        let nearest = match &self.primitives {
+            Primitives::Triangles { packets, corners, .. } => {
+                query.nearest(&self.nodes, &self.order, packets, corners, bound, hint)
+            }
+            Primitives::Points { packets, positions, .. } => {
+                query.nearest(&self.nodes, &self.order, packets, positions, bound, hint)
+            }
+        };
+        nearest.map(|primitive| self.on_primitive(point, primitive))
+    }
+
+    /// The closest point of one given face or cloud point.
+    fn on_primitive(&self, point: DVec3, primitive: u32) -> SurfacePoint {
+        match &self.primitives {
+            Primitives::Triangles { corners, pseudonormals, .. } => {
+                let closest = crate::triangle::closest_on_triangle(point, corners[primitive as usize]);
+                SurfacePoint {
+                    position: closest.position,
+                    face: primitive,
+                    barycentric: closest.barycentric,
+                    normal: pseudonormals.at(primitive, closest.feature),
+                    distance_squared: closest.distance_squared,
+                }
+            }
+            Primitives::Points { positions, normals, .. } => SurfacePoint {
+                position: positions[primitive as usize],
+                face: primitive,
+                barycentric: [1.0, 0.0, 0.0],
+                normal: normals[primitive as usize],
+                distance_squared: point.distance_squared(positions[primitive as usize]),
+            },
+        }
+    }
+}
+
+/// The middle of the bounding box and the largest coordinate about it.
+fn centre_and_radius(positions: &[DVec3]) -> (DVec3, f64) {
+    let low = positions.iter().fold(DVec3::INFINITY, |low, position| low.min(*position));
+    let high = positions.iter().fold(DVec3::NEG_INFINITY, |high, position| high.max(*position));
+    (low * 0.5 + high * 0.5, (high * 0.5 - low * 0.5).max_element())
+}
+
+fn padded(mut order: Vec<u32>) -> Vec<u32> {
+    while order.len() % LANES != 0 {
+        order.push(order[order.len() - 1]);
+    }
+    order
+}
+
+fn lanes_of<T: Copy>(indices: &[u32], primitive: impl Fn(u32) -> T) -> [T; LANES] {
+    [0, 1, 2, 3].map(|lane| primitive(indices[lane]))
+}

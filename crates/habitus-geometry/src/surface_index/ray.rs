@@ -1,0 +1,104 @@
+//! The first hit of a ray.
+
+use glam::{DVec3, Vec4};
+
+use super::packets::{LANES, Lanes};
+use super::tree::{Child, STACK};
+use super::{Primitives, SurfaceIndex};
+
+/// Stands for 1/0 in the slab test: large, but a product with it stays a number.
+const STEEPEST: f64 = 1e18;
+/// Relative widening of a ray's interval in a box, for the roundings of f32.
+const WIDENING: f32 = 1e-5;
+
+/// Where a ray meets a mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RayHit {
+    /// The face; of several hit at the same distance, the lowest.
+    pub face: u32,
+    /// The distance from the ray's origin in metres.
+    pub distance: f64,
+    /// The weights of the face's corners.
+    pub barycentric: [f64; 3],
+}
+
+impl SurfaceIndex {
+    /// The first face, from either side, that a ray meets within `max_distance` metres; the direction may have any
+    /// length but zero. A ray through an edge shared by two faces cannot slip between them. Clouds are never hit.
+    pub fn ray_hit(&self, origin: DVec3, direction: DVec3, max_distance: f64) -> Option<RayHit> {
+        let Primitives::Triangles { corners, .. } = &self.primitives else { return None };
+        let direction = direction.try_normalize()?;
+        let offset = origin - self.centre;
+        let slack = 16.0 * f32::EPSILON * (self.radius + offset.abs().max_element()) as f32;
+        let lanes = Lanes::splat(offset);
+        let inverse = Lanes::splat(direction.map(|value| {
+            if value.abs() < 1.0 / STEEPEST { STEEPEST.copysign(value) } else { value.recip() }
+        }));
+
+        let mut hit: Option<RayHit> = None;
+        let mut reach = max_distance;
+        let mut stack = [(0.0f32, 0u32); STACK];
+        let mut waiting = 1;
+        while waiting > 0 {
+            waiting -= 1;
+            let (entry, code) = stack[waiting];
+            if entry > reach as f32 * (1.0 + WIDENING) + slack {
+                continue;
+            }
+            match Child::of(code) {
+                Child::Node(node) => {
+                    let node = &self.nodes[node as usize];
+                    let (enter, leave) = node.slab_interval(lanes, inverse, slack);
+                    let enter = enter.max(Vec4::ZERO);
+                    let limit = Vec4::splat(reach as f32 * (1.0 + WIDENING) + slack);
+                    let (children, used) = node.children();
+                    let missed = enter.cmpgt(leave * (1.0 + WIDENING)) | enter.cmpgt(limit);
+                    let mut within = !missed.bitmask() & used;
+                    let enter = enter.to_array();
+                    let bottom = waiting;
+                    while within != 0 {
+                        let lane = within.trailing_zeros() as usize & (LANES - 1);
+                        within &= within - 1;
+                        let mut place = waiting;
+                        while place > bottom && stack[place - 1].0 < enter[lane] {
+                            stack[place] = stack[place - 1];
+                            place -= 1;
+                        }
+                        stack[place] = (enter[lane], children[lane]);
+                        waiting += 1;
+                    }
+                }
+                Child::Packet(packet) => {
+                    for &face in &self.order[packet as usize * LANES..][..LANES] {
+                        let Some((distance, barycentric)) = meet(origin, direction, corners[face as usize])
+                        else {
+                            continue;
+                        };
+                        let is_nearer =
+                            distance < reach || (distance == reach && hit.is_none_or(|hit| face < hit.face));
+                        if is_nearer {
+                            reach = distance;
+                            hit = Some(RayHit { face, distance, barycentric });
+                        }
+                    }
+                }
+            }
+        }
+        hit
+    }
+}
+
+/// Distance and barycentric coordinates where a ray meets a triangle. The three volumes change sign exactly with
+/// the direction of their edge, which is what closes the gap between neighbours.
+fn meet(origin: DVec3, direction: DVec3, corners: [DVec3; 3]) -> Option<(f64, [f64; 3])> {
+    let [a, b, c] = corners.map(|corner| corner - origin);
+    let (u, v, w) = (direction.dot(c.cross(b)), direction.dot(a.cross(c)), direction.dot(b.cross(a)));
+    let is_inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
+    let volume = u + v + w;
+    if !is_inside || volume == 0.0 {
+        return None;
+    }
+    let barycentric = [u / volume, v / volume, w / volume];
+    let distance = (a * barycentric[0] + b * barycentric[1] + c * barycentric[2]).dot(direction);
+    (distance >= 0.0).then_some((distance, barycentric))
+}

@@ -1,0 +1,205 @@
+//! A four-wide tree of f32 boxes over packets of four primitives.
+//!
+//! Splits are at the median packet, so the shape of the tree follows from the count alone: building is one
+//! parallel reordering, the traversal stack is bounded, and no input can make the tree degenerate.
+
+use glam::{DVec3, Vec4};
+
+use super::packets::{LANES, Lanes};
+
+/// Enough for a branch of the largest tree: sixteen levels with three waiting children each.
+pub(super) const STACK: usize = 64;
+/// Below this many primitives a second thread costs more than it brings.
+const PARALLEL_FROM: usize = 4096;
+/// Marks a child that is a packet of primitives instead of a node.
+const PACKET: u32 = 1 << 31;
+
+/// Four boxes with what they hold.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Node {
+    low: Lanes,
+    high: Lanes,
+    children: [u32; LANES],
+    used: u32,
+}
+
+/// What a child of a node is.
+pub(super) enum Child {
+    /// Another node.
+    Node(u32),
+    /// A packet of primitives.
+    Packet(u32),
+}
+
+impl Child {
+    #[inline(always)]
+    pub fn of(code: u32) -> Self {
+        if code & PACKET == 0 { Self::Node(code) } else { Self::Packet(code & !PACKET) }
+    }
+}
+
+impl Node {
+    /// Squared distances to the four boxes.
+    #[inline(always)]
+    pub fn distances_squared(&self, point: Lanes) -> Vec4 {
+        let (below, above) = (self.low.minus(point), point.minus(self.high));
+        let outside = Lanes {
+            x: below.x.max(above.x).max(Vec4::ZERO),
+            y: below.y.max(above.y).max(Vec4::ZERO),
+            z: below.z.max(above.z).max(Vec4::ZERO),
+        };
+        outside.dot(outside)
+    }
+
+    /// Where a ray enters and leaves the four boxes after these grew by the slack.
+    #[inline(always)]
+    pub fn slab_interval(&self, origin: Lanes, inverse_direction: Lanes, slack: f32) -> (Vec4, Vec4) {
+        let slack = Vec4::splat(slack);
+        let axis = |low: Vec4, high: Vec4, origin: Vec4, inverse: Vec4| {
+            let (first, second) = ((low - slack - origin) * inverse, (high + slack - origin) * inverse);
+            (first.min(second), first.max(second))
+        };
+        let x = axis(self.low.x, self.high.x, origin.x, inverse_direction.x);
+        let y = axis(self.low.y, self.high.y, origin.y, inverse_direction.y);
+        let z = axis(self.low.z, self.high.z, origin.z, inverse_direction.z);
+        (x.0.max(y.0).max(z.0), x.1.min(y.1).min(z.1))
+    }
+
+    /// The children by lane, and the lanes in use as bits.
+    #[inline(always)]
+    pub fn children(&self) -> (&[u32; LANES], u32) {
+        (&self.children, self.used)
+    }
+}
+
+/// A box in f32.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bounds {
+    pub low: [f32; 3],
+    pub high: [f32; 3],
+}
+
+impl Bounds {
+    fn joined(self, other: Self) -> Self {
+        let mut joined = self;
+        for axis in 0..3 {
+            joined.low[axis] = self.low[axis].min(other.low[axis]);
+            joined.high[axis] = self.high[axis].max(other.high[axis]);
+        }
+        joined
+    }
+
+    /// The box around points that lie four by four in lanes.
+    pub fn around(lanes: &[Lanes]) -> Self {
+        let extreme = |axis: fn(&Lanes) -> Vec4| {
+            let (mut low, mut high) = (axis(&lanes[0]), axis(&lanes[0]));
+            for lane in &lanes[1..] {
+                low = low.min(axis(lane));
+                high = high.max(axis(lane));
+            }
+            (low.min_element(), high.max_element())
+        };
+        let (x, y, z) = (extreme(|lane| lane.x), extreme(|lane| lane.y), extreme(|lane| lane.z));
+        Self { low: [x.0, y.0, z.0], high: [x.1, y.1, z.1] }
+    }
+}
+
+/// A primitive while it is being sorted: its centre and its index.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Centre {
+    pub position: [f32; 3],
+    pub index: u32,
+}
+
+/// The order of primitives in which each run of four is one packet.
+pub(super) fn packet_order(centres: impl Iterator<Item = DVec3>) -> Vec<u32> {
+    let mut centres: Vec<Centre> = centres
+        .enumerate()
+        .map(|(index, centre)| Centre { position: centre.as_vec3().to_array(), index: index as u32 })
+        .collect();
+    split(&mut centres);
+    centres.iter().map(|centre| centre.index).collect()
+}
+
+/// Half of the packets, which decides the split of primitives and of nodes alike.
+fn left_packets(packet_count: usize) -> usize {
+    packet_count.div_ceil(2)
+}
+
+fn split(centres: &mut [Centre]) {
+    if centres.len() <= LANES {
+        return;
+    }
+    let axis = widest_axis(centres);
+    let middle = left_packets(centres.len().div_ceil(LANES)) * LANES;
+    // Equal centres are told apart by index, so that the order never hangs on the thread count.
+    centres.select_nth_unstable_by(middle, |first, second| {
+        first.position[axis].total_cmp(&second.position[axis]).then(first.index.cmp(&second.index))
+    });
+    let (left, right) = centres.split_at_mut(middle);
+    if left.len() >= PARALLEL_FROM {
+        rayon::join(|| split(left), || split(right));
+    } else {
+        split(left);
+        split(right);
+    }
+}
+
+fn widest_axis(centres: &[Centre]) -> usize {
+    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for centre in centres {
+        for axis in 0..3 {
+            low[axis] = low[axis].min(centre.position[axis]);
+            high[axis] = high[axis].max(centre.position[axis]);
+        }
+    }
+    let width = |axis: usize| high[axis] - low[axis];
+    (0..3).fold(0, |widest, axis| if width(axis) > width(widest) { axis } else { widest })
+}
+
+/// The nodes over packets with these boxes, parents first; node 0 is the root.
+pub(super) fn nodes_over(packets: &[Bounds]) -> Vec<Node> {
+    let mut nodes = Vec::with_capacity(packets.len() / 2 + 1);
+    add_node(&mut nodes, packets, 0);
+    nodes
+}
+
+fn add_node(nodes: &mut Vec<Node>, packets: &[Bounds], first_packet: usize) -> (u32, Bounds) {
+    let place = nodes.len();
+    let empty = Lanes::splat(DVec3::ZERO);
+    nodes.push(Node { low: empty, high: empty, children: [0; LANES], used: 0 });
+    let mut ranges = [(0, 0); LANES];
+    let half = left_packets(packets.len());
+    let (quarter, last_quarter) = (left_packets(half), half + left_packets(packets.len() - half));
+    for (range, ends) in ranges.iter_mut().zip([
+        (0, quarter),
+        (quarter, half),
+        (half, last_quarter),
+        (last_quarter, packets.len()),
+    ]) {
+        *range = ends;
+    }
+    let (mut low, mut high) = ([[0.0f32; LANES]; 3], [[0.0f32; LANES]; 3]);
+    let (mut children, mut used) = ([0; LANES], 0);
+    let mut whole: Option<Bounds> = None;
+    for (lane, (start, end)) in ranges.into_iter().filter(|(start, end)| start < end).enumerate() {
+        let (child, bounds) = if end - start == 1 {
+            ((first_packet + start) as u32 | PACKET, packets[start])
+        } else {
+            add_node(nodes, &packets[start..end], first_packet + start)
+        };
+        children[lane] = child;
+        used |= 1 << lane;
+        for axis in 0..3 {
+            low[axis][lane] = bounds.low[axis];
+            high[axis][lane] = bounds.high[axis];
+        }
+        whole = Some(whole.map_or(bounds, |whole| whole.joined(bounds)));
+    }
+    let lanes = |axes: [[f32; LANES]; 3]| {
+        let [x, y, z] = axes.map(Vec4::from_array);
+        Lanes { x, y, z }
+    };
+    nodes[place] = Node { low: lanes(low), high: lanes(high), children, used };
+    (place as u32, whole.unwrap_or(packets[0]))
+}
