@@ -70,65 +70,109 @@ pub fn gauss_newton(
     crate::objective::validate_start(objective, parameters, bounds)?;
     bounds.project(parameters);
 
-    let mut model = NormalEquations::new(parameters.len());
-    model.evaluate(objective, parameters);
-    model.check(1)?;
-    let mut report = SolveReport {
-        reason: StopReason::IterationLimit,
-        iterations: 0,
-        evaluations: 1,
-        initial_energy: model.value,
-        final_energy: model.value,
-    };
-    let mut damping = Damping { value: settings.initial_damping, growth: 2.0 };
-    let mut trial = parameters.to_vec();
-    loop {
-        if is_stationary(&model, parameters, bounds, &settings.tolerances) {
-            report.reason = StopReason::GradientSmall;
-            return Ok(report);
-        }
-        if report.iterations >= settings.max_iterations {
-            report.reason = StopReason::IterationLimit;
-            return Ok(report);
-        }
-        let descent = find_descent(
-            objective,
-            parameters,
-            &mut trial,
-            bounds,
-            &model,
-            &mut damping,
-            settings,
-            &mut report,
-        )?;
-        let Descent::Found { energy, step_norm } = descent else {
-            report.reason =
-                if descent == Descent::Unverifiable { StopReason::EnergyFlat } else { StopReason::NoDescent };
-            return Ok(report);
+    let mut solve = Solve::start(objective, parameters, bounds, settings)?;
+    solve.report.reason = solve.run(parameters, observer)?;
+    Ok(solve.report)
+}
+
+/// The state of one solve.
+struct Solve<'a> {
+    objective: &'a dyn Objective,
+    bounds: &'a Bounds,
+    settings: &'a GaussNewtonSettings,
+    model: NormalEquations,
+    damping: Damping,
+    trial: Vec<f64>,
+    report: SolveReport,
+}
+
+impl<'a> Solve<'a> {
+    fn start(
+        objective: &'a dyn Objective,
+        parameters: &[f64],
+        bounds: &'a Bounds,
+        settings: &'a GaussNewtonSettings,
+    ) -> Result<Self, SolveError> {
+        let mut model = NormalEquations::new(parameters.len());
+        model.evaluate(objective, parameters);
+        model.check(1)?;
+        let report = SolveReport {
+            reason: StopReason::IterationLimit,
+            iterations: 0,
+            evaluations: 1,
+            initial_energy: model.value,
+            final_energy: model.value,
         };
-        let decrease = report.final_energy - energy;
-        parameters.copy_from_slice(&trial);
-        report.iterations += 1;
-        report.final_energy = energy;
-        let event = Event::Iteration { iteration: report.iterations, energy, step_norm };
-        let reason = if observer.on_event(&event) == Flow::Stop {
-            Some(StopReason::Cancelled)
-        } else if settings.tolerances.is_energy_flat(decrease, energy) {
-            Some(StopReason::EnergyFlat)
-        } else if settings.tolerances.is_step_small(step_norm, norm(parameters)) {
-            Some(StopReason::StepSmall)
-        } else {
-            None
-        };
-        if let Some(reason) = reason {
-            report.reason = reason;
-            return Ok(report);
+        let damping = Damping { value: settings.initial_damping, growth: 2.0 };
+        Ok(Self { objective, bounds, settings, model, damping, trial: parameters.to_vec(), report })
+    }
+
+    fn run(&mut self, parameters: &mut [f64], observer: &mut dyn Observer) -> Result<StopReason, SolveError> {
+        let tolerances = &self.settings.tolerances;
+        loop {
+            if is_stationary(&self.model, parameters, self.bounds, tolerances) {
+                return Ok(StopReason::GradientSmall);
+            }
+            if self.report.iterations >= self.settings.max_iterations {
+                return Ok(StopReason::IterationLimit);
+            }
+            let (energy, step_norm) = match self.find_descent(parameters)? {
+                Descent::Found { energy, step_norm } => (energy, step_norm),
+                Descent::Unverifiable => return Ok(StopReason::EnergyFlat),
+                Descent::NotFound => return Ok(StopReason::NoDescent),
+            };
+            let decrease = self.report.final_energy - energy;
+            parameters.copy_from_slice(&self.trial);
+            self.report.iterations += 1;
+            self.report.final_energy = energy;
+            let event = Event::Iteration { iteration: self.report.iterations, energy, step_norm };
+            if observer.on_event(&event) == Flow::Stop {
+                return Ok(StopReason::Cancelled);
+            }
+            if tolerances.is_energy_flat(decrease, energy) {
+                return Ok(StopReason::EnergyFlat);
+            }
+            if tolerances.is_step_small(step_norm, norm(parameters)) {
+                return Ok(StopReason::StepSmall);
+            }
+            if self.report.iterations < self.settings.max_iterations {
+                self.model.evaluate(self.objective, parameters);
+                self.report.evaluations += 1;
+                self.model.check(self.report.evaluations)?;
+            }
         }
-        if report.iterations < settings.max_iterations {
-            model.evaluate(objective, parameters);
-            report.evaluations += 1;
-            model.check(report.evaluations)?;
+    }
+
+    /// Raises the damping until a step lowers the energy.
+    fn find_descent(&mut self, parameters: &[f64]) -> Result<Descent, SolveError> {
+        let lower: Vec<f64> = self.bounds.lower.iter().zip(parameters).map(|(l, p)| l - p).collect();
+        let upper: Vec<f64> = self.bounds.upper.iter().zip(parameters).map(|(u, p)| u - p).collect();
+        let energy = self.report.final_energy;
+        while self.damping.value <= self.settings.max_damping {
+            let step = match damped_step(&self.model, self.damping.value, &lower, &upper) {
+                Ok(step) => step,
+                // More damping makes the matrix definite and the active set trivial.
+                Err(SolveError::NotPositiveDefinite { .. } | SolveError::ActiveSetUnsettled { .. }) => {
+                    self.damping.raise();
+                    continue;
+                }
+                Err(error) => return Err(error),
+            };
+            let predicted = predicted_decrease(&self.model, &step.step);
+            if predicted <= VERIFIABLE_DECREASE * energy {
+                return Ok(Descent::Unverifiable);
+            }
+            move_by(parameters, &step, self.bounds, &mut self.trial);
+            let sum = ValueSum::of(self.objective, &self.trial);
+            self.report.evaluations += 1;
+            sum.check(self.report.evaluations)?;
+            if sum.value < energy {
+                self.damping.lower((energy - sum.value) / predicted);
+                return Ok(Descent::Found { energy: sum.value, step_norm: step.step.norm() });
+            }
+            self.damping.raise();
         }
+        Ok(Descent::NotFound)
     }
 }
 
@@ -150,7 +194,6 @@ impl Damping {
     }
 }
 
-#[derive(PartialEq)]
 enum Descent {
     /// A step that lowers the energy, already in the trial parameters.
     Found { energy: f64, step_norm: f64 },
@@ -158,46 +201,6 @@ enum Descent {
     Unverifiable,
     /// No damping up to the limit helped.
     NotFound,
-}
-
-#[expect(clippy::too_many_arguments, reason = "the state of one solve, split to borrow its parts")]
-fn find_descent(
-    objective: &dyn Objective,
-    parameters: &[f64],
-    trial: &mut [f64],
-    bounds: &Bounds,
-    model: &NormalEquations,
-    damping: &mut Damping,
-    settings: &GaussNewtonSettings,
-    report: &mut SolveReport,
-) -> Result<Descent, SolveError> {
-    let lower: Vec<f64> = bounds.lower.iter().zip(parameters).map(|(l, p)| l - p).collect();
-    let upper: Vec<f64> = bounds.upper.iter().zip(parameters).map(|(u, p)| u - p).collect();
-    while damping.value <= settings.max_damping {
-        let step = match damped_step(model, damping.value, &lower, &upper) {
-            Ok(step) => step,
-            // More damping makes the matrix definite and the active set trivial.
-            Err(SolveError::NotPositiveDefinite { .. } | SolveError::ActiveSetUnsettled { .. }) => {
-                damping.raise();
-                continue;
-            }
-            Err(error) => return Err(error),
-        };
-        let predicted = predicted_decrease(model, &step.step);
-        if predicted <= VERIFIABLE_DECREASE * model.value {
-            return Ok(Descent::Unverifiable);
-        }
-        move_by(parameters, &step, bounds, trial);
-        let sum = ValueSum::of(objective, trial);
-        report.evaluations += 1;
-        sum.check(report.evaluations)?;
-        if sum.value < model.value {
-            damping.lower((model.value - sum.value) / predicted);
-            return Ok(Descent::Found { energy: sum.value, step_norm: step.step.norm() });
-        }
-        damping.raise();
-    }
-    Ok(Descent::NotFound)
 }
 
 fn damped_step(
