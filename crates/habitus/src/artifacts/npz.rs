@@ -58,7 +58,7 @@ pub struct Array<T> {
 }
 
 /// No array of ours comes near this; a hostile archive that inflates further is refused.
-const LARGEST_ARRAY_BYTES: u64 = 4 << 30;
+const LARGEST_ARRAY_BYTES: u64 = 1 << 30;
 
 /// An open archive, held in memory.
 pub struct NpzReader {
@@ -96,7 +96,9 @@ impl NpzReader {
             match u32::try_from(*value) {
                 Ok(index) if (index as usize) < limit => values.push(index),
                 _ => {
-                    return Err(self.invalid(key, format!("element {position} is {value}, outside 0..{limit}")));
+                    return Err(
+                        self.invalid(key, format!("element {position} is {value}, outside 0..{limit}"))
+                    );
                 }
             }
         }
@@ -195,8 +197,7 @@ impl NpzReader {
             return Err(NpzError::Missing { path: self.path.clone(), key: key.into() });
         };
         let broken = |path: &Path, reason: String| NpzError::Archive { path: path.to_path_buf(), reason };
-        let member =
-            self.archive.by_index(index).map_err(|error| broken(&self.path, error.to_string()))?;
+        let member = self.archive.by_index(index).map_err(|error| broken(&self.path, error.to_string()))?;
         let mut bytes = Vec::new();
         member
             .take(LARGEST_ARRAY_BYTES)

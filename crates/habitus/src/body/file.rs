@@ -16,6 +16,8 @@ const FORMAT: &str = "habitus-body-model";
 const VERSION: u32 = 1;
 /// Stored weights are f32: sums are right to about 4 · 2⁻²⁴.
 const WEIGHT_SUM_TOLERANCE: f64 = 1e-5;
+/// A row of the joint regressor has hundreds of f32 values.
+const ROW_SUM_TOLERANCE: f64 = 1e-4;
 
 /// Why a model file is refused.
 #[derive(Debug, Error)]
@@ -75,8 +77,7 @@ struct FileMetadata {
 
 /// Reads a model from the bytes of its file.
 pub(super) fn read(bytes: Vec<u8>, path: &Path) -> Result<BodyModel, ModelFileError> {
-    let inconsistent =
-        |reason: String| ModelFileError::Inconsistent { path: path.to_path_buf(), reason };
+    let inconsistent = |reason: String| ModelFileError::Inconsistent { path: path.to_path_buf(), reason };
     let mut file = NpzReader::new(bytes, path)?;
     let metadata = read_metadata(&mut file, path)?;
 
@@ -85,6 +86,10 @@ pub(super) fn read(bytes: Vec<u8>, path: &Path) -> Result<BodyModel, ModelFileEr
     let vertex_count = mean.shape[0];
     let faces = file.indices("faces", vertex_count)?;
     file.expect_shape("faces", &faces, &[None, Some(3)])?;
+    let is_degenerate = |face: &[u32]| face[0] == face[1] || face[1] == face[2] || face[2] == face[0];
+    if let Some(face) = faces.values.chunks_exact(3).position(is_degenerate) {
+        return Err(inconsistent(format!("face {face} names a vertex twice")));
+    }
     let skeleton = read_skeleton(&mut file, &metadata, path)?;
     let bone_count = skeleton.bones().len();
     let skin = read_skin(&mut file, vertex_count, bone_count)?;
@@ -98,6 +103,9 @@ pub(super) fn read(bytes: Vec<u8>, path: &Path) -> Result<BodyModel, ModelFileEr
     let stored_basis = file.floats("basis")?;
     file.expect_shape("basis", &stored_basis, &[Some(component_count), Some(vertex_count), Some(3)])?;
     let basis = vertex_major(&stored_basis, &standard_deviations, vertex_count);
+    if basis.iter().any(|value| !value.is_finite()) {
+        return Err(inconsistent("the basis times its standard deviations exceeds the range of f32".into()));
+    }
 
     let landmark_vertices = file.indices("landmark_vertices", vertex_count)?.values;
     if landmark_vertices.len() != metadata.landmarks.len() {
@@ -105,6 +113,10 @@ pub(super) fn read(bytes: Vec<u8>, path: &Path) -> Result<BodyModel, ModelFileEr
     }
     let mirror_vertices = file.indices("mirror_vertices", vertex_count)?;
     file.expect_shape("mirror_vertices", &mirror_vertices, &[Some(vertex_count)])?;
+    let mirror = &mirror_vertices.values;
+    if (0..vertex_count).any(|vertex| mirror[mirror[vertex] as usize] as usize != vertex) {
+        return Err(inconsistent("mirror_vertices is not its own inverse".into()));
+    }
     let labels = file.indices("part_labels", 4)?;
     file.expect_shape("part_labels", &labels, &[Some(vertex_count)])?;
     if let Some((name, _)) =
@@ -182,8 +194,7 @@ fn read_skeleton(
             limits: [limits.values[2 * k], limits.values[2 * k + 1]],
         })
         .collect();
-    Skeleton::new(bones, axes)
-        .map_err(|source| ModelFileError::Skeleton { path: path.to_path_buf(), source })
+    Skeleton::new(bones, axes).map_err(|source| ModelFileError::Skeleton { path: path.to_path_buf(), source })
 }
 
 fn read_skin(
@@ -221,6 +232,7 @@ fn read_regressor(
     let values = file.floats("joint_regressor_values")?.values;
     let offsets = file.indices("joint_regressor_offsets", vertices.len() + 1)?.values;
     let consistent = offsets.len() == bone_count + 1
+        && offsets[0] == 0
         && values.len() == vertices.len()
         && offsets.windows(2).all(|pair| pair[0] <= pair[1])
         && offsets.last().map(|last| *last as usize) == Some(vertices.len());
@@ -228,13 +240,22 @@ fn read_regressor(
         let reason = "offsets must rise from 0 to the number of values, one row for each bone".into();
         return Err(file.invalid("joint_regressor_offsets", reason).into());
     }
-    Ok(offsets
+    let rows: Vec<Vec<(u32, f64)>> = offsets
         .windows(2)
         .map(|pair| {
             let range = pair[0] as usize..pair[1] as usize;
             vertices[range.clone()].iter().copied().zip(values[range].iter().copied()).collect()
         })
-        .collect())
+        .collect();
+    // A row that does not sum to one leaves its joint behind when the body moves.
+    let row_sum = |row: &Vec<(u32, f64)>| row.iter().map(|(_, value)| value).sum::<f64>();
+    match rows.iter().position(|row| (row_sum(row) - 1.0).abs() > ROW_SUM_TOLERANCE) {
+        None => Ok(rows),
+        Some(bone) => {
+            let reason = format!("the values of bone {bone} do not sum to 1");
+            Err(file.invalid("joint_regressor_values", reason).into())
+        }
+    }
 }
 
 fn points(array: &Array<f64>) -> Vec<DVec3> {
@@ -346,3 +367,6 @@ fn write_rig(model: &BodyModel, file: &mut NpzWriter) {
     file.add("joint_regressor_vertices", &[vertices.len()], &vertices);
     file.add("joint_regressor_values", &[values.len()], &values);
 }
+
+#[cfg(test)]
+mod tests;

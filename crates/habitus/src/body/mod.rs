@@ -4,11 +4,16 @@
 //! shape through a sparse regressor, so that long and short bodies bend in their own places.
 
 mod file;
+#[cfg(test)]
+pub(crate) mod fixture;
 mod model;
 mod skeleton;
 mod surface;
 
 pub use file::ModelFileError;
 pub use model::{BodyModel, ModelMetadata, PartLabel};
-pub use skeleton::{Axis, BONE_COUNT, Bone, POSE_LENGTH, Pose, PosedSkeleton, Skeleton, SkeletonError};
+pub use skeleton::{
+    Axis, BONE_COUNT, Bone, POSE_LENGTH, Pose, PosedSkeleton, ROOT_LENGTH, Skeleton, SkeletonError, Twist,
+    rotation_vector,
+};
 pub use surface::{BodySurface, IdentityCoefficients, JointMap, SkinWeights};

@@ -166,7 +166,10 @@ impl BodyModel {
                 self.surface
                     .skin
                     .of(vertex)
-                    .fold((0, 0.0), |best, (bone, weight)| if weight > best.1 { (bone, weight) } else { best })
+                    .fold(
+                        (0, 0.0),
+                        |best, (bone, weight)| if weight > best.1 { (bone, weight) } else { best },
+                    )
                     .0
             })
             .collect()

@@ -1,5 +1,7 @@
 //! The skeleton: bones that turn about shape-dependent joints by products of exponentials (P2 §3).
 
+use std::cmp::Ordering;
+
 use glam::{DMat3, DQuat, DVec3};
 use thiserror::Error;
 
@@ -35,8 +37,13 @@ pub struct Axis {
 /// Why a skeleton cannot be built.
 #[derive(Debug, Error, PartialEq)]
 pub enum SkeletonError {
+    /// There is no bone at all.
+    #[error("the skeleton has no bones: it needs at least a root")]
+    NoRoot,
     /// A parent does not come before its child.
-    #[error("bone {bone} has parent {parent}: parents must come before their children, and only bone 0 has none")]
+    #[error(
+        "bone {bone} has parent {parent}: parents must come before their children, and only bone 0 has none"
+    )]
     ParentOrder {
         /// The child.
         bone: usize,
@@ -64,6 +71,9 @@ pub struct Skeleton {
 impl Skeleton {
     /// Builds a skeleton; bones are sorted parents first, axes by bone.
     pub fn new(bones: Vec<Bone>, mut axes: Vec<Axis>) -> Result<Self, SkeletonError> {
+        if bones.is_empty() {
+            return Err(SkeletonError::NoRoot);
+        }
         for (index, bone) in bones.iter().enumerate() {
             let valid = match bone.parent {
                 None => index == 0,
@@ -86,7 +96,7 @@ impl Skeleton {
                 return fail("its direction has no length");
             }
             axis.direction /= length;
-            if !(axis.limits[0] < axis.limits[1]) {
+            if axis.limits[0].partial_cmp(&axis.limits[1]) != Some(Ordering::Less) {
                 return fail("its lower limit must lie below its upper limit");
             }
         }
@@ -259,17 +269,17 @@ impl Pose {
 /// The shortest rotation vector of a rotation, |r| ≤ π.
 pub fn rotation_vector(rotation: DQuat) -> DVec3 {
     let q = if rotation.w < 0.0 { -rotation } else { rotation };
-    q.to_scaled_axis()
+    let half_sine = q.xyz().length();
+    // Not glam's form: it returns zero below 1e-8, which would freeze a derivative taken by differences.
+    let angle_over_half_sine = if half_sine < 1e-9 { 2.0 } else { 2.0 * half_sine.atan2(q.w) / half_sine };
+    q.xyz() * angle_over_half_sine
 }
 
 /// Left Jacobian of SO(3): exp(r + J⁻¹-free small change) = exp(J δ) exp(r) to first order.
 fn left_jacobian(r: DVec3) -> DMat3 {
     let angle_squared = r.length_squared();
-    let skew = DMat3::from_cols(
-        DVec3::new(0.0, r.z, -r.y),
-        DVec3::new(-r.z, 0.0, r.x),
-        DVec3::new(r.y, -r.x, 0.0),
-    );
+    let skew =
+        DMat3::from_cols(DVec3::new(0.0, r.z, -r.y), DVec3::new(-r.z, 0.0, r.x), DVec3::new(r.y, -r.x, 0.0));
     let angle = angle_squared.sqrt();
     // Series near zero: both quotients cancel catastrophically there.
     let (a, b) = if angle < 1e-4 {
@@ -279,3 +289,6 @@ fn left_jacobian(r: DVec3) -> DMat3 {
     };
     DMat3::IDENTITY + skew * a + skew * skew * b
 }
+
+#[cfg(test)]
+mod tests;

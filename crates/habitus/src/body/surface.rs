@@ -124,10 +124,7 @@ impl BodySurface {
         Self {
             basis,
             component_count: kept,
-            joints: JointMap {
-                mean: self.joints.mean.clone(),
-                basis: self.joints.basis[..kept].to_vec(),
-            },
+            joints: JointMap { mean: self.joints.mean.clone(), basis: self.joints.basis[..kept].to_vec() },
             ..self.clone()
         }
     }
@@ -205,3 +202,6 @@ fn dot(a: &[f32], b: &[f32]) -> f64 {
     }
     tail + lanes.into_iter().map(f64::from).sum::<f64>()
 }
+
+#[cfg(test)]
+mod tests;
