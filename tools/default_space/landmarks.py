@@ -1,0 +1,87 @@
+"""Named vertices of the template: the 14 fitting landmarks and the points measurements start from."""
+
+import numpy as np
+
+from rig import LANDMARKS, VertexPicker, unit
+
+
+def pick_vertices(pick: VertexPicker, hand_points, navel, nipple, eye_height):
+    """Both tables as dictionaries of vertex indices; the right side is the mirror image of the left."""
+    mean, joint = pick.mean, pick.joint
+    left = np.flatnonzero(mean[:, 0] > 1e-6)
+    front, back = np.array([0, 0, 1.0]), np.array([0, 0, -1.0])
+    index_knuckle, little_knuckle, _ = hand_points
+    points = {}
+
+    hip, knee, ankle = joint("left_thigh"), joint("left_shank"), joint("left_foot")
+    shoulder, elbow, wrist = joint("left_upper_arm"), joint("left_forearm"), joint("left_hand")
+    foot = pick.on("left_foot")
+    low_foot = foot[mean[foot, 1] < mean[foot, 1].min() + 0.03]
+    trunk = pick.on("pelvis", "thorax")
+    head = pick.on("head")
+
+    points["left_toe"] = pick.extreme(foot, front)
+    points["left_heel"] = pick.extreme(foot, back)
+    points["left_heel_sole"] = pick.extreme(low_foot[mean[low_foot, 2] < ankle[2]], [0, -1, -0.15])
+    points["left_ankle"] = pick.extreme(pick.near(ankle, 0.07), [1, 0.1, 0])
+    points["left_knee"] = pick.extreme(pick.near(knee, 0.09), front)
+    points["left_mid_thigh"] = pick.extreme(pick.near(0.5 * (hip + knee), 0.12, pick.on("left_thigh")), front)
+    points["left_hip"] = pick.extreme(pick.level(hip[1], 0.06, np.intersect1d(left, pick.on("pelvis", "left_thigh"))), [1, 0, 0])
+
+    bend = -unit(unit(shoulder - elbow) + unit(wrist - elbow))
+    points["left_elbow"] = pick.extreme(pick.near(elbow, 0.07), bend)
+    ulnar = unit(little_knuckle - index_knuckle)
+    points["left_wrist"] = pick.extreme(pick.near(wrist, 0.045), ulnar)
+    acromion = pick.near(shoulder, 0.09)
+    points["left_acromion"] = pick.extreme(acromion, [0.35, 1, 0])
+    points["left_shoulder"] = points["left_acromion"]
+    arm_side = unit(elbow - shoulder)
+    outer = unit(np.array([1.0, 0, 0]) - arm_side[0] * arm_side)
+    points["left_mid_upper_arm"] = pick.extreme(pick.near(0.5 * (shoulder + elbow), 0.07, pick.on("left_upper_arm")), outer)
+    points["left_axilla"] = axilla(pick, shoulder, elbow)
+    points["left_nipple"] = nipple
+
+    points["crown"] = pick.extreme(np.arange(len(mean)), [0, 1, 0])
+    points["forehead"] = pick.extreme(pick.level(eye_height + 0.055, 0.015, np.intersect1d(pick.middle, head)), front)
+    points["abdomen"] = points["navel"] = navel
+    jaw = pick.level(eye_height - 0.11, 0.025, np.intersect1d(pick.middle, head))
+    points["chin"] = pick.extreme(jaw, [0, -0.6, 1])
+    nape = pick.level(joint("head")[1] - 0.005, 0.02, pick.middle)
+    points["neck_base"] = pick.extreme(nape, back)
+    front_middle = pick.middle[(mean[pick.middle, 1] < hip[1] + 0.1)]
+    crotch = front_middle[np.abs(mean[front_middle, 2] - hip[2]) < 0.06]
+    points["crotch"] = pick.extreme(crotch, [0, -1, 0])
+    points["left_waist"] = narrowest_side(pick, np.intersect1d(left, trunk), mean[navel, 1])
+
+    for name in [name for name in points if name.startswith("left_")]:
+        points[name.replace("left_", "right_")] = int(pick.mirror[points[name]])
+    points = {name: int(vertex) for name, vertex in points.items()}
+    fitting = np.array([points[name] for name in LANDMARKS], dtype=np.int32)
+    measuring = {
+        name: vertex
+        for name, vertex in sorted(points.items())
+        if name not in ("forehead", "abdomen", "left_shoulder", "right_shoulder", "left_toe", "right_toe")
+    }
+    return fitting, measuring
+
+
+def axilla(pick, shoulder, elbow):
+    """The highest point of the fold between chest and arm."""
+    below = pick.near(shoulder + np.array([-0.02, -0.09, 0.0]), 0.07)
+    mean = pick.mean
+    normals_down = below[mean[below, 1] < shoulder[1] - 0.03]
+    inner = normals_down[np.abs(mean[normals_down, 2] - shoulder[2]) < 0.03]
+    target = shoulder + 0.25 * (elbow - shoulder) + np.array([-0.05, -0.06, 0.0])
+    return pick.nearest(target, inner if len(inner) else below)
+
+
+def narrowest_side(pick, candidates, navel_height):
+    """Side vertex at the height where the trunk, seen from the front, is narrowest."""
+    best, best_width = None, np.inf
+    for height in np.arange(navel_height - 0.02, navel_height + 0.14, 0.01):
+        level = pick.level(height, 0.012, candidates)
+        vertex = pick.extreme(level, [1, 0, 0])
+        width = pick.mean[vertex, 0]
+        if width < best_width:
+            best, best_width = vertex, width
+    return best

@@ -1,0 +1,137 @@
+"""Adult bodies whose stature, mass and waist follow survey figures.
+
+Each person is drawn from the survey's joint distribution; muscle, proportions, breast, ancestry and a hundred signed
+details are drawn at random; then height, weight and waist attributes are solved so that the finished body has the
+drawn stature, mass (volume × density) and waist.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from measure import BODY_DENSITY, Tape, statures, volumes
+from shapes import SEXES, Detail, ShapeTargets, signed_details
+from source import Source
+from survey import draw_people
+
+# Folder → standard deviation of a detail's coefficient (its targets are drawn at ±1).
+BODY_DETAILS = {
+    "arms": 0.22,
+    "breast": 0.30,
+    "buttocks": 0.35,
+    "hip": 0.25,
+    "legs": 0.20,
+    "neck": 0.22,
+    "pelvis": 0.30,
+    "stomach": 0.25,
+    "torso": 0.22,
+    "hands": 0.20,
+    "feet": 0.20,
+    "head": 0.25,
+    "chin": 0.25,
+    "nose": 0.20,
+    "cheek": 0.20,
+    "ears": 0.15,
+    "forehead": 0.25,
+}
+# Sideways shifts are not symmetric, a foot cannot leave its shank, and pregnancy is not part of this population.
+LEFT_OUT = ("trans-in", "hip-trans", "torso-trans", "neck-trans", "head-trans", "foot-trans", "hand-trans", "valgus",
+            "pregnant", "fingers-distance", "bulge", "cleft", "nipple", "ear-trans", "ear-rot", "ear-flap")
+HELD_OUT_FOLDERS = {"eyes": 0.35, "mouth": 0.25, "eyebrows": 0.4}
+WAIST_DETAILS = {"torso/measure-waist-circ": 1.0, "stomach/stomach-tone": -0.5}
+
+
+@dataclass
+class Bodies:
+    vertices: np.ndarray  # (n, V, 3) metres, source frame
+    joints: np.ndarray  # (n, joint points, 3)
+    sex: np.ndarray
+    age: np.ndarray
+
+
+def training_details(source: Source) -> list[Detail]:
+    return [d for folder in BODY_DETAILS for d in signed_details(source, folder, LEFT_OUT)]
+
+
+def held_out_details(source: Source) -> list[Detail]:
+    return training_details(source) + [d for folder in HELD_OUT_FOLDERS for d in signed_details(source, folder)]
+
+
+def detail_deviations(details: list[Detail]) -> np.ndarray:
+    scale = BODY_DETAILS | HELD_OUT_FOLDERS
+    return np.array([scale[detail.name.split("/")[0]] for detail in details])
+
+
+def draw_attributes(sex: str, people, random) -> dict[str, np.ndarray]:
+    count = len(people["age"])
+    index = people["mass"] / people["stature"] ** 2
+    muscle = 0.5 + (0.12 if sex == "male" else 0.0) - 0.003 * (people["age"] - 45) + 0.17 * random.standard_normal(count)
+    age = np.clip((people["age"] - 25) / 65, 0, 1)
+    cup = 0.45 + 0.012 * (index - 27) + 0.18 * random.standard_normal(count)
+    firmness = 0.5 - 0.004 * (people["age"] - 40) + 0.15 * random.standard_normal(count)
+    return {
+        "sex": np.full(count, float(SEXES.index(sex))),
+        "age": age,
+        "muscle": np.clip(muscle, 0.05, 1),
+        "weight": np.full(count, 0.6),
+        "height": np.full(count, 0.5),
+        "proportions": np.clip(0.55 + 0.2 * random.standard_normal(count), 0, 1),
+        "cup": np.clip(cup, 0, 1),
+        "firmness": np.clip(firmness, 0.05, 0.95),
+        "race": random.dirichlet([0.8, 0.8, 0.8], count),
+    }
+
+
+class BodyMaker:
+    """Turns attributes into bodies of a wanted stature, mass and waist."""
+
+    def __init__(self, shapes: ShapeTargets, faces, vertex_count: int, tape: Tape):
+        self.shapes, self.faces, self.vertex_count, self.tape = shapes, faces, vertex_count, tape
+        names = [detail.name for detail in shapes.details]
+        self.waist = [(names.index(name), share) for name, share in WAIST_DETAILS.items()]
+
+    def solve(self, attributes, details, people, rounds=9):
+        """Points (n, points, 3) after solving; also the values that were reached."""
+        waist = np.zeros(len(details))
+        for _ in range(rounds):
+            points, scale = self._points(attributes, details, waist, people)
+            bodies = points[:, : self.vertex_count]
+            raw_stature = people["stature"] / scale
+            attributes["height"] = np.clip(attributes["height"] + 0.8 * (people["stature"] - raw_stature), 0.02, 0.98)
+            mass = volumes(bodies, self.faces) * BODY_DENSITY
+            attributes["weight"] = np.clip(
+                attributes["weight"] + 0.9 * np.log(people["mass"] / mass), -0.05, 1.35
+            )
+            girth = np.array([self.tape.waist(body) for body in bodies])
+            waist = np.clip(waist + 1.5 * (people["waist"] - girth) / people["waist"], -1.2, 1.2)
+        points, _ = self._points(attributes, details, waist, people)
+        return points
+
+    def _points(self, attributes, details, waist, people):
+        """Points scaled uniformly to the exact stature, and that scale."""
+        changed = details.copy()
+        for column, share in self.waist:
+            changed[:, column] += share * waist
+        points = self.shapes.points(attributes, changed)
+        scale = people["stature"] / statures(points[:, : self.vertex_count])
+        return points * scale[:, None, None], scale
+
+
+def make_bodies(sex, count, maker: BodyMaker, random, *, spread=1.0, block=250) -> Bodies:
+    """``spread`` widens the details (used for the held-out bodies)."""
+    deviations = detail_deviations(maker.shapes.details)
+    parts, ages = [], []
+    for start in range(0, count, block):
+        size = min(block, count - start)
+        people = draw_people(sex, size, random)
+        attributes = draw_attributes(sex, people, random)
+        details = np.clip(spread * deviations * random.standard_normal((size, len(deviations))), -1, 1)
+        parts.append(maker.solve(attributes, details, people))
+        ages.append(people["age"])
+    points = np.concatenate(parts)
+    return Bodies(
+        points[:, : maker.vertex_count],
+        points[:, maker.vertex_count :],
+        np.full(count, SEXES.index(sex), dtype=np.uint8),
+        np.concatenate(ages),
+    )
