@@ -4,11 +4,8 @@ use glam::{DVec3, Vec4};
 
 use super::packets::{LANES, Lanes, PointPacket, TrianglePacket};
 use super::tree::{Child, Node, STACK};
+use super::{ROUNDINGS, UnitFrame};
 use crate::triangle::closest_on_triangle;
-
-/// How many roundings of f32, relative to the largest length involved, a bound may be wrong by; generous, as
-/// sixteen of them are 2 µm on a body.
-const ROUNDINGS: f32 = 16.0;
 
 /// Primitives of which a packet bounds four.
 pub(super) trait Packet: Copy {
@@ -53,13 +50,19 @@ pub(super) struct Query {
     point: DVec3,
     lanes: Lanes,
     slack: f32,
+    /// Units of the frame in one metre.
+    units: f64,
 }
 
 impl Query {
-    pub fn new(point: DVec3, centre: DVec3, radius: f64) -> Self {
-        let offset = point - centre;
-        let slack = ROUNDINGS * f32::EPSILON * (radius + offset.abs().max_element()) as f32;
-        Self { point, lanes: Lanes::splat(offset), slack }
+    pub fn new(point: DVec3, frame: &UnitFrame) -> Self {
+        let in_frame = frame.enter(point);
+        Self {
+            point,
+            lanes: Lanes::splat(in_frame),
+            slack: UnitFrame::slack(in_frame),
+            units: frame.metres.recip(),
+        }
     }
 
     /// The nearest primitive no farther than `bound` (squared); of equals the lowest. A hint only makes it faster.
@@ -160,7 +163,7 @@ impl Query {
     /// The f32 squared distance beyond which nothing can be as near as `distance_squared`.
     #[inline(always)]
     fn cutoff(&self, distance_squared: f64) -> f32 {
-        let reach = distance_squared.sqrt() as f32 + self.slack;
+        let reach = (distance_squared.sqrt() * self.units) as f32 + self.slack;
         reach * reach * (1.0 + ROUNDINGS * f32::EPSILON)
     }
 }

@@ -20,6 +20,9 @@ use tree::{Bounds, Node, nodes_over, packet_order};
 
 pub use ray::RayHit;
 
+/// How many roundings of f32, relative to the largest length involved, a bound may be wrong by; generous, as
+/// sixteen of them are 2 µm on a body.
+const ROUNDINGS: f32 = 16.0;
 /// Queries per parallel piece of [`SurfaceIndex::closest_many`].
 const QUERY_CHUNK: usize = 256;
 
@@ -41,9 +44,7 @@ pub struct SurfacePoint {
 /// A search tree over the triangles of a mesh or the points of an oriented cloud.
 #[derive(Debug, Clone)]
 pub struct SurfaceIndex {
-    centre: DVec3,
-    /// The largest coordinate about the centre, which bounds the rounding of everything in f32.
-    radius: f64,
+    frame: UnitFrame,
     nodes: Vec<Node>,
     /// The primitives in packet order, padded with the last one.
     order: Vec<u32>,
@@ -61,18 +62,18 @@ impl SurfaceIndex {
     /// Indexes the triangles of a mesh.
     pub fn of_mesh(mesh: &TriangleMesh) -> Self {
         let positions = mesh.positions();
-        let (centre, radius) = centre_and_radius(positions);
+        let frame = UnitFrame::around(positions);
         let corners: Vec<[DVec3; 3]> =
             mesh.faces().iter().map(|face| face.map(|vertex| positions[vertex as usize])).collect();
         let ((order, packets, nodes), pseudonormals) = rayon::join(
             || {
                 let order =
-                    padded(packet_order(corners.iter().map(|[a, b, c]| (*a + *b + *c) / 3.0 - centre)));
+                    padded(packet_order(corners.iter().map(|[a, b, c]| frame.enter((*a + *b + *c) / 3.0))));
                 let packets: Vec<TrianglePacket> = order
                     .par_chunks(LANES)
                     .map(|indices| {
                         TrianglePacket::new(lanes_of(indices, |index| {
-                            corners[index as usize].map(|corner| corner - centre)
+                            corners[index as usize].map(|corner| frame.enter(corner))
                         }))
                     })
                     .collect();
@@ -84,7 +85,7 @@ impl SurfaceIndex {
             || Pseudonormals::new(positions, mesh.faces()),
         );
         let primitives = Primitives::Triangles { packets, corners, pseudonormals };
-        Self { centre, radius, nodes, order, primitives }
+        Self { frame, nodes, order, primitives }
     }
 
     /// Indexes the points of a cloud, of which there must be one or more, with one unit normal each.
@@ -94,18 +95,18 @@ impl SurfaceIndex {
     pub fn of_cloud(positions: &[DVec3], normals: &[DVec3]) -> Self {
         assert!(!positions.is_empty(), "a cloud needs a point to be searched");
         assert_eq!(positions.len(), normals.len(), "each point of the cloud needs its normal");
-        let (centre, radius) = centre_and_radius(positions);
-        let order = padded(packet_order(positions.iter().map(|position| *position - centre)));
+        let frame = UnitFrame::around(positions);
+        let order = padded(packet_order(positions.iter().map(|position| frame.enter(*position))));
         let packets: Vec<PointPacket> = order
             .chunks(LANES)
             .map(|indices| PointPacket {
-                points: Lanes::gather(lanes_of(indices, |index| positions[index as usize] - centre)),
+                points: Lanes::gather(lanes_of(indices, |index| frame.enter(positions[index as usize]))),
             })
             .collect();
         let bounds: Vec<Bounds> = packets.iter().map(|packet| Bounds::around(&[packet.points])).collect();
         let primitives =
             Primitives::Points { packets, positions: positions.to_vec(), normals: normals.to_vec() };
-        Self { centre, radius, nodes: nodes_over(&bounds), order, primitives }
+        Self { frame, nodes: nodes_over(&bounds), order, primitives }
     }
 
     /// How many faces or points are indexed.
@@ -163,7 +164,7 @@ impl SurfaceIndex {
     }
 
     fn find_closest(&self, point: DVec3, bound: f64, hint: Option<u32>) -> Option<SurfacePoint> {
-        let query = Query::new(point, self.centre, self.radius);
+        let query = Query::new(point, &self.frame);
         let nearest = match &self.primitives {
             Primitives::Triangles { packets, corners, .. } => {
                 query.nearest(&self.nodes, &self.order, packets, corners, bound, hint)
@@ -199,11 +200,31 @@ impl SurfaceIndex {
     }
 }
 
-/// The middle of the bounding box and the largest coordinate about it.
-fn centre_and_radius(positions: &[DVec3]) -> (DVec3, f64) {
-    let low = positions.iter().fold(DVec3::INFINITY, |low, position| low.min(*position));
-    let high = positions.iter().fold(DVec3::NEG_INFINITY, |high, position| high.max(*position));
-    (low * 0.5 + high * 0.5, (high * 0.5 - low * 0.5).max_element())
+/// The frame of everything in f32: the surface's box is centred and its largest half-width is 1, so that roundings
+/// are known beforehand and no scale can overflow.
+#[derive(Debug, Clone, Copy)]
+struct UnitFrame {
+    centre: DVec3,
+    /// Metres in one unit of the frame.
+    metres: f64,
+}
+
+impl UnitFrame {
+    fn around(positions: &[DVec3]) -> Self {
+        let low = positions.iter().fold(DVec3::INFINITY, |low, position| low.min(*position));
+        let high = positions.iter().fold(DVec3::NEG_INFINITY, |high, position| high.max(*position));
+        let radius = (high * 0.5 - low * 0.5).max_element();
+        Self { centre: low * 0.5 + high * 0.5, metres: if radius.is_normal() { radius } else { 1.0 } }
+    }
+
+    fn enter(&self, point: DVec3) -> DVec3 {
+        (point - self.centre) / self.metres
+    }
+
+    /// What f32 may be wrong by, in units of the frame, about this point of it.
+    fn slack(point: DVec3) -> f32 {
+        ROUNDINGS * f32::EPSILON * (1.0 + point.abs().max_element() as f32)
+    }
 }
 
 fn padded(mut order: Vec<u32>) -> Vec<u32> {

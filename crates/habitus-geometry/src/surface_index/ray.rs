@@ -4,7 +4,7 @@ use glam::{DVec3, Vec4};
 
 use super::packets::{LANES, Lanes};
 use super::tree::{Child, STACK};
-use super::{Primitives, SurfaceIndex};
+use super::{Primitives, SurfaceIndex, UnitFrame};
 
 /// Stands for 1/0 in the slab test: large, but a product with it stays a number.
 const STEEPEST: f64 = 1e18;
@@ -28,21 +28,23 @@ impl SurfaceIndex {
     pub fn ray_hit(&self, origin: DVec3, direction: DVec3, max_distance: f64) -> Option<RayHit> {
         let Primitives::Triangles { corners, .. } = &self.primitives else { return None };
         let direction = direction.try_normalize()?;
-        let offset = origin - self.centre;
-        let slack = 16.0 * f32::EPSILON * (self.radius + offset.abs().max_element()) as f32;
-        let lanes = Lanes::splat(offset);
+        let in_frame = self.frame.enter(origin);
+        let slack = UnitFrame::slack(in_frame);
+        let lanes = Lanes::splat(in_frame);
+        let limit_at = |reach: f64| (reach / self.frame.metres) as f32 * (1.0 + WIDENING) + slack;
         let inverse = Lanes::splat(direction.map(|value| {
             if value.abs() < 1.0 / STEEPEST { STEEPEST.copysign(value) } else { value.recip() }
         }));
 
         let mut hit: Option<RayHit> = None;
         let mut reach = max_distance;
+        let mut limit = limit_at(reach);
         let mut stack = [(0.0f32, 0u32); STACK];
         let mut waiting = 1;
         while waiting > 0 {
             waiting -= 1;
             let (entry, code) = stack[waiting];
-            if entry > reach as f32 * (1.0 + WIDENING) + slack {
+            if entry > limit {
                 continue;
             }
             match Child::of(code) {
@@ -50,9 +52,8 @@ impl SurfaceIndex {
                     let node = &self.nodes[node as usize];
                     let (enter, leave) = node.slab_interval(lanes, inverse, slack);
                     let enter = enter.max(Vec4::ZERO);
-                    let limit = Vec4::splat(reach as f32 * (1.0 + WIDENING) + slack);
                     let (children, used) = node.children();
-                    let missed = enter.cmpgt(leave * (1.0 + WIDENING)) | enter.cmpgt(limit);
+                    let missed = enter.cmpgt(leave * (1.0 + WIDENING)) | enter.cmpgt(Vec4::splat(limit));
                     let mut within = !missed.bitmask() & used;
                     let enter = enter.to_array();
                     let bottom = waiting;
@@ -78,6 +79,7 @@ impl SurfaceIndex {
                             distance < reach || (distance == reach && hit.is_none_or(|hit| face < hit.face));
                         if is_nearer {
                             reach = distance;
+                            limit = limit_at(reach);
                             hit = Some(RayHit { face, distance, barycentric });
                         }
                     }
