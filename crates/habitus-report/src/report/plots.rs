@@ -1,0 +1,260 @@
+//! Curves over frames as inline SVG, with the same numbers as JSON for the cursor.
+
+use std::fmt::Write;
+
+use serde::Serialize;
+
+use super::markup::{escaped, short_number};
+use super::{FrameSummary, ReportData};
+
+const WIDTH: f64 = 560.0;
+const HEIGHT: f64 = 172.0;
+const LEFT: f64 = 50.0;
+const RIGHT: f64 = 12.0;
+const TOP: f64 = 10.0;
+const BOTTOM: f64 = 26.0;
+/// About how many labelled lines cross a plot.
+const TICKS: f64 = 4.0;
+
+/// One plot: lines over frames, and bands behind them.
+#[derive(Debug, Serialize)]
+pub(crate) struct Plot {
+    title: String,
+    unit: &'static str,
+    note: &'static str,
+    /// Lower and upper border, widest band first.
+    #[serde(skip)]
+    bands: Vec<[Vec<f64>; 2]>,
+    lines: Vec<Line>,
+}
+
+#[derive(Debug, Serialize)]
+struct Line {
+    label: String,
+    values: Vec<f64>,
+}
+
+/// The plots that the data allow: a curve needs two frames.
+pub(crate) fn plots(data: &ReportData) -> Vec<Plot> {
+    if data.frames.len() < 2 {
+        return Vec::new();
+    }
+    let column = |value: &dyn Fn(&FrameSummary) -> Option<f64>| -> Vec<f64> {
+        data.frames.iter().map(|frame| value(frame).unwrap_or(f64::NAN)).collect()
+    };
+    let mut plots = Vec::new();
+    if data.frames.iter().any(|frame| frame.clearance_mm.is_some()) {
+        let p5 = column(&|f| Some(f.clearance_mm?.p5));
+        let p95 = column(&|f| Some(f.clearance_mm?.p95));
+        let quarters = [column(&|f| Some(f.clearance_mm?.p25)), column(&|f| Some(f.clearance_mm?.p75))];
+        let line = |label: &str, values: &[f64]| Line { label: label.to_owned(), values: values.to_vec() };
+        let median = column(&|f| Some(f.clearance_mm?.p50));
+        plots.push(Plot {
+            title: "Clearance between body and capture".to_owned(),
+            unit: "mm",
+            note: "line: median; bands: middle half, and 5 to 95 %",
+            lines: vec![line("median", &median), line("5 %", &p5), line("95 %", &p95)],
+            bands: vec![[p5, p95], quarters],
+        });
+    }
+    let single = |title: &str, unit, note, values: Vec<f64>| Plot {
+        title: title.to_owned(),
+        unit,
+        note,
+        bands: Vec::new(),
+        lines: vec![Line { label: String::new(), values }],
+    };
+    if data.frames.iter().any(|frame| frame.outside_share.is_some()) {
+        let values = column(&|f| f.outside_share.map(|share| 100.0 * share));
+        plots.push(single("Body outside the capture", "%", "share of the body's vertices", values));
+    }
+    let mut names: Vec<&str> = Vec::new();
+    for (name, _) in data.frames.iter().flat_map(|frame| &frame.energies) {
+        if !names.contains(&name.as_str()) {
+            names.push(name);
+        }
+    }
+    for name in names {
+        let values = column(&|f| f.energies.iter().find(|(n, _)| n == name).map(|(_, value)| *value));
+        plots.push(single(&format!("Energy: {name}"), "", "at the end of the frame", values));
+    }
+    if data.frames.iter().any(|frame| frame.seconds > 0.0) {
+        let values = column(&|f| Some(1e3 * f.seconds));
+        plots.push(single("Time", "ms", "a frame", values));
+    }
+    plots
+}
+
+/// All plots as figures.
+pub(crate) fn figures(plots: &[Plot], frames: &[FrameSummary]) -> String {
+    plots.iter().enumerate().map(|(number, plot)| figure(plot, number, frames)).collect()
+}
+
+fn figure(plot: &Plot, number: usize, frames: &[FrameSummary]) -> String {
+    let unit = if plot.unit.is_empty() {
+        String::new()
+    } else {
+        format!(" <span class=\"unit\">{}</span>", plot.unit)
+    };
+    let axes = Axes::around(plot, frames.len());
+    format!(
+        "<figure class=\"plot\" data-plot=\"{number}\" data-left=\"{}\" data-right=\"{}\" data-top=\"{TOP}\" data-bottom=\"{}\" data-low=\"{}\" data-high=\"{}\"><figcaption><span class=\"plot-title\">{}{unit}</span>\
+         <output class=\"plot-readout\" aria-live=\"off\"></output><span class=\"plot-note\">{}</span></figcaption>{}</figure>",
+        LEFT / WIDTH,
+        (WIDTH - RIGHT) / WIDTH,
+        HEIGHT - BOTTOM,
+        axes.low,
+        axes.high,
+        escaped(&plot.title),
+        plot.note,
+        svg(plot, frames, &axes)
+    )
+}
+
+/// Data to the plot's own coordinates.
+struct Axes {
+    low: f64,
+    high: f64,
+    step: f64,
+    last: f64,
+}
+
+impl Axes {
+    /// Axes that hold all lines, with zero: a curve that looks flat is flat.
+    fn around(plot: &Plot, frame_count: usize) -> Self {
+        let values =
+            plot.lines.iter().flat_map(|line| &line.values).copied().filter(|value| value.is_finite());
+        let (least, most) =
+            values.fold((0.0f64, 0.0f64), |(least, most), value| (least.min(value), most.max(value)));
+        let step = nice_step((most - least).max(1e-12) / TICKS);
+        let high = ((most / step).ceil() * step).max(step);
+        Self { low: (least / step).floor() * step, high, step, last: (frame_count - 1) as f64 }
+    }
+
+    fn x(&self, frame: usize) -> f64 {
+        LEFT + (WIDTH - LEFT - RIGHT) * frame as f64 / self.last.max(1.0)
+    }
+
+    fn y(&self, value: f64) -> f64 {
+        TOP + (HEIGHT - TOP - BOTTOM) * (self.high - value) / (self.high - self.low)
+    }
+
+    /// A path through the values; gaps where a value is not finite.
+    fn path(&self, values: &[f64]) -> String {
+        let mut path = String::new();
+        let mut is_drawing = false;
+        for (frame, value) in values.iter().enumerate() {
+            if value.is_finite() {
+                let command = if is_drawing { 'L' } else { 'M' };
+                let _ = write!(path, "{command}{:.1} {:.1}", self.x(frame), self.y(*value));
+            }
+            is_drawing = value.is_finite();
+        }
+        path
+    }
+
+    /// The area between two borders, one closed piece a run of finite values.
+    fn area(&self, low: &[f64], high: &[f64]) -> String {
+        let is_whole: Vec<bool> = low.iter().zip(high).map(|(l, h)| l.is_finite() && h.is_finite()).collect();
+        let mut path = String::new();
+        let mut start = 0;
+        while start < is_whole.len() {
+            let length = is_whole[start..].iter().take_while(|whole| **whole).count();
+            let run = start..start + length;
+            for (i, frame) in run.clone().chain(run.rev()).enumerate() {
+                let value = if i < length { high[frame] } else { low[frame] };
+                let _ = write!(
+                    path,
+                    "{}{:.1} {:.1}",
+                    if i == 0 { 'M' } else { 'L' },
+                    self.x(frame),
+                    self.y(value)
+                );
+            }
+            path.push_str(if length > 0 { "Z" } else { "" });
+            start += length.max(1);
+        }
+        path
+    }
+}
+
+fn svg(plot: &Plot, frames: &[FrameSummary], axes: &Axes) -> String {
+    let step = axes.step;
+    let mut out = format!(
+        "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{} over {} frames\">",
+        escaped(&plot.title),
+        frames.len()
+    );
+    let (right, floor) = (WIDTH - RIGHT, HEIGHT - BOTTOM);
+    for tick in 0..=((axes.high - axes.low) / step).round() as usize {
+        let value = axes.low + tick as f64 * step;
+        let y = axes.y(value);
+        let class = if value.abs() < 1e-9 * step { "zero" } else { "grid" };
+        let _ = write!(out, "<path class=\"{class}\" d=\"M{LEFT} {y:.1}H{right}\"/>");
+        let label = short_number(if value.abs() < 1e-9 * step { 0.0 } else { value });
+        let _ = write!(
+            out,
+            "<text class=\"tick\" x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{label}</text>",
+            LEFT - 7.0,
+            y + 3.5
+        );
+    }
+    let frame_step = nice_step((axes.last / 6.0).max(1.0)).ceil() as usize;
+    for frame in (0..frames.len()).filter(|frame| *frame == 0 || (frame + 1).is_multiple_of(frame_step)) {
+        let x = axes.x(frame);
+        let _ = write!(
+            out,
+            "<text class=\"tick\" x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
+            HEIGHT - 7.0,
+            frame + 1
+        );
+    }
+    for (number, [low, high]) in plot.bands.iter().enumerate() {
+        let _ = write!(out, "<path class=\"band band-{number}\" d=\"{}\"/>", axes.area(low, high));
+    }
+    if let Some(line) = plot.lines.first() {
+        let _ = write!(out, "<path class=\"line\" d=\"{}\"/>", axes.path(&line.values));
+    }
+    for (class, is_marked) in [("flagged", false), ("failed", true)] {
+        let marked = frames
+            .iter()
+            .enumerate()
+            .filter(|(_, f)| if is_marked { !f.is_ok } else { f.is_ok && !f.codes.is_empty() });
+        let ticks: String = marked.map(|(frame, _)| format!("M{:.1} {floor}v5", axes.x(frame))).collect();
+        if !ticks.is_empty() {
+            let _ = write!(out, "<path class=\"mark {class}\" d=\"{ticks}\"/>");
+        }
+    }
+    let _ = write!(
+        out,
+        "<path class=\"cursor\" d=\"M0 {TOP}V{floor}\"/><circle class=\"cursor-dot\" r=\"3.5\"/></svg>"
+    );
+    out
+}
+
+/// The smallest of 1, 2, 5 × 10ⁿ that is at least `step`.
+fn nice_step(step: f64) -> f64 {
+    let power = 10f64.powf(step.log10().floor());
+    let factors = [1.0, 2.0, 5.0, 10.0];
+    power * factors.into_iter().find(|factor| factor * power >= step * (1.0 - 1e-9)).unwrap_or(10.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_round_numbers() {
+        for (step, nice) in [(1.0, 1.0), (1.1, 2.0), (3.0, 5.0), (0.07, 0.1), (600.0, 1000.0)] {
+            assert!((nice_step(step) / nice - 1.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn lines_break_where_a_value_is_missing() {
+        let axes = Axes { low: 0.0, high: 1.0, step: 0.5, last: 4.0 };
+        let values = [0.0, 1.0, f64::NAN, 0.5, 0.5];
+        assert_eq!(axes.path(&values).matches('M').count(), 2);
+        assert_eq!(axes.area(&values, &values).matches('Z').count(), 2);
+    }
+}
