@@ -1,8 +1,16 @@
 //! What stages hand to one another: data and its file form, no algorithm.
 
 pub mod codes;
+mod csv;
+#[cfg(test)]
+pub(crate) mod fixture;
 pub mod fitted_sequence;
+pub mod frames;
+pub mod journal;
+pub mod measurements;
 pub mod npz;
+pub mod rigged_sequence;
+pub mod sequence_files;
 
 use std::io::Write;
 use std::path::Path;

@@ -90,7 +90,7 @@ pub(super) fn read(bytes: Vec<u8>, path: &Path) -> Result<BodyModel, ModelFileEr
     if let Some(face) = faces.values.chunks_exact(3).position(is_degenerate) {
         return Err(inconsistent(format!("face {face} names a vertex twice")));
     }
-    let skeleton = read_skeleton(&mut file, &metadata, path)?;
+    let skeleton = read_skeleton(&mut file, &metadata.bones, &metadata.axes, path)?;
     let bone_count = skeleton.bones().len();
     let skin = read_skin(&mut file, vertex_count, bone_count)?;
     let joint_regressor = read_regressor(&mut file, vertex_count, bone_count)?;
@@ -163,12 +163,14 @@ fn read_metadata(file: &mut NpzReader, path: &Path) -> Result<ModelMetadata, Mod
     serde_json::from_value(header.model).map_err(|error| unusable(file, error))
 }
 
-fn read_skeleton(
+/// Reads a skeleton whose bones and axes have these names.
+pub(crate) fn read_skeleton(
     file: &mut NpzReader,
-    metadata: &ModelMetadata,
+    bone_names: &[String],
+    axis_names: &[String],
     path: &Path,
 ) -> Result<Skeleton, ModelFileError> {
-    let (bone_count, axis_count) = (metadata.bones.len(), metadata.axes.len());
+    let (bone_count, axis_count) = (bone_names.len(), axis_names.len());
     let parents = file.integers("bone_parents")?;
     file.expect_shape("bone_parents", &parents, &[Some(bone_count)])?;
     let axis_bones = file.indices("axis_bones", bone_count)?;
@@ -177,14 +179,12 @@ fn read_skeleton(
     file.expect_shape("axis_directions", &directions, &[Some(axis_count), Some(3)])?;
     let limits = file.floats("axis_limits")?;
     file.expect_shape("axis_limits", &limits, &[Some(axis_count), Some(2)])?;
-    let bones = metadata
-        .bones
+    let bones = bone_names
         .iter()
         .zip(&parents.values)
         .map(|(name, parent)| Bone { name: name.clone(), parent: usize::try_from(*parent).ok() })
         .collect();
-    let axes = metadata
-        .axes
+    let axes = axis_names
         .iter()
         .enumerate()
         .map(|(k, name)| Axis {
@@ -197,7 +197,8 @@ fn read_skeleton(
     Skeleton::new(bones, axes).map_err(|source| ModelFileError::Skeleton { path: path.to_path_buf(), source })
 }
 
-fn read_skin(
+/// Reads skin weights and makes each row sum to one.
+pub(crate) fn read_skin(
     file: &mut NpzReader,
     vertex_count: usize,
     bone_count: usize,

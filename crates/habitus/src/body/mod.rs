@@ -3,7 +3,7 @@
 //! `posed = skinning(rest(identity), posed_from_rest(pose, joints(identity)))`. The joints follow the
 //! shape through a sparse regressor, so that long and short bodies bend in their own places.
 
-mod file;
+pub(crate) mod file;
 #[cfg(test)]
 pub(crate) mod fixture;
 mod model;

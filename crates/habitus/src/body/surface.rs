@@ -37,6 +37,19 @@ impl SkinWeights {
             .filter(|(_, weight)| *weight > 0.0)
             .map(|(bone, weight)| (usize::from(bone), weight))
     }
+
+    /// P1 Eq. 2 / P2 Eq. 2: Σ ω_ij T_j(Θ) s_i, one posed vertex for each rest vertex, in metres.
+    pub fn apply_into(&self, rest: &[DVec3], posed: &PosedSkeleton, vertices: &mut Vec<DVec3>) {
+        assert_eq!(rest.len(), self.weights.len(), "one rest vertex for each row of weights");
+        vertices.clear();
+        vertices.extend(rest.iter().enumerate().map(|(vertex, position)| {
+            let mut sum = DVec3::ZERO;
+            for (bone, weight) in self.of(vertex) {
+                sum += (posed.rotations[bone] * *position + posed.translations[bone]) * weight;
+            }
+            sum
+        }));
+    }
 }
 
 /// Joints as a linear function of the identity: the sparse regressor applied to the space.
@@ -161,15 +174,7 @@ impl BodySurface {
 
     /// P1 Eq. 2 / P2 Eq. 2: linear blend skinning of rest vertices, in metres.
     pub fn skin_vertices_into(&self, rest: &[DVec3], posed: &PosedSkeleton, vertices: &mut Vec<DVec3>) {
-        assert_eq!(rest.len(), self.vertex_count(), "one rest vertex for each vertex of the surface");
-        vertices.clear();
-        vertices.extend(rest.iter().enumerate().map(|(vertex, position)| {
-            let mut sum = DVec3::ZERO;
-            for (bone, weight) in self.skin.of(vertex) {
-                sum += (posed.rotations[bone] * *position + posed.translations[bone]) * weight;
-            }
-            sum
-        }));
+        self.skin.apply_into(rest, posed, vertices);
     }
 
     /// Linear blend skinning of rest vertices, in metres.

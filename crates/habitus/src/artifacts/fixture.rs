@@ -1,0 +1,67 @@
+//! A made-up fitted sequence of the figure of tubes, in millimetres, z up: for tests of files and exports.
+
+use glam::{DMat3, DVec3};
+use nalgebra::DMatrix;
+
+use super::codes::Code;
+use super::fitted_sequence::{FittedFrame, FittedSequence, InputFrame, Landmark};
+use super::rigged_sequence::{Rig, RiggedSequence};
+use crate::body::fixture;
+
+/// A figure that turns through more than half a circle while all its joints bend.
+pub(crate) fn rigged_sequence(frame_count: usize) -> RiggedSequence {
+    let model = fixture::model();
+    let identity = vec![0.7, -1.1, 0.4, 0.0, 1.9, -0.2];
+    let rest_vertices = model.rest_vertices(&identity);
+    let rest_joints = model.joints(&rest_vertices);
+    let input_frame = InputFrame {
+        metres_per_unit: 0.001,
+        internal_from_input: DMat3::from_rotation_y(0.4) * DMat3::from_rotation_x(-1.5707963),
+        report: vec!["millimetres, z up".into()],
+    };
+    let frames = (0..frame_count)
+        .map(|frame| {
+            let time = frame as f64;
+            let mut pose: Vec<f64> = (0..30).map(|k| 0.6 * (0.3 * time + 1.7 * f64::from(k)).sin()).collect();
+            pose[3..6].copy_from_slice(&[0.0, 0.25 * time, 0.1]);
+            let skeleton = model.skeleton().pose(&rest_joints, &pose);
+            let posed = model.pose_vertices(&rest_vertices, &skeleton);
+            FittedFrame {
+                name: format!("take, {frame:04}.ply"),
+                pose,
+                landmarks: model
+                    .landmark_vertices()
+                    .iter()
+                    .map(|vertex| Landmark { position: posed[*vertex as usize], confidence: 0.75 })
+                    .collect(),
+                codes: if frame == 1 { vec![Code::TooFewInliers, Code::TemporalJump] } else { Vec::new() },
+                inlier_share: 0.9,
+                outside_share_5mm: 0.01,
+                outside_mean: 2e-4,
+                energy: 3e-5,
+                seconds: 0.02,
+            }
+        })
+        .collect();
+    let vertex_count = rest_vertices.len();
+    let covariance = DMatrix::from_fn(6, 6, |row, column| if row == column { 0.04 } else { 0.001 });
+    RiggedSequence {
+        sequence: FittedSequence {
+            input_frame,
+            identity,
+            identity_covariance: covariance,
+            rest_vertices,
+            rest_joints,
+            smallest_clearance: (0..vertex_count).map(|vertex| 1e-4 * vertex as f64 - 0.002).collect(),
+            frames,
+            codes: vec![Code::UncertainFrameOfReference],
+        },
+        rig: Rig::of(&model),
+    }
+}
+
+/// Largest distance between corresponding points.
+pub(crate) fn largest_distance(a: &[DVec3], b: &[DVec3]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max)
+}
