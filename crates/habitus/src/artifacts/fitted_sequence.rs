@@ -1,6 +1,7 @@
 //! The result of `fit_sequence`: one identity, a pose for each frame, and what is known of their quality.
 
 use glam::{DMat3, DVec3};
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use super::codes::Code;
@@ -56,7 +57,7 @@ pub struct FittedFrame {
     pub outside_mean: f64,
     /// Energy per vertex at the end, in square metres.
     pub energy: f64,
-    /// Seconds spent on the frame.
+    /// Seconds spent on the frame; the library keeps no clock, whoever does fills it in.
     pub seconds: f64,
 }
 
@@ -74,8 +75,8 @@ pub struct FittedSequence {
     pub input_frame: InputFrame,
     /// Identity coefficients in standard deviations.
     pub identity: Vec<f64>,
-    /// Standard error of each coefficient, in standard deviations of the population.
-    pub identity_uncertainty: Vec<f64>,
+    /// Covariance of the coefficients' errors, from the curvature of the energy, in the same unit squared.
+    pub identity_covariance: DMatrix<f64>,
     /// Rest vertices of the identity in model space, metres.
     pub rest_vertices: Vec<DVec3>,
     /// Rest joints of the identity in model space, metres.

@@ -1,1 +1,15 @@
-//! fitting
+//! Bending a surface onto a capture: one loop with exchangeable terms.
+//!
+//! A [`Deformer`] turns parameters into vertices, a [`Term`] is one energy of the bent surface, a [`Fit`]
+//! is one deformer with weighted terms and therefore an objective for both solvers. Correspondences are
+//! frozen inside a solve, so that every term is smooth and its derivatives can be checked.
+
+pub mod correspondence;
+mod deformer;
+pub mod deformers;
+mod fit;
+pub mod schedule;
+pub mod terms;
+
+pub use deformer::{DeformedSurface, Deformer, DerivativeColumns, VertexResidual};
+pub use fit::{Fit, Term};

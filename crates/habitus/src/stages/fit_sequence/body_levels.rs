@@ -1,0 +1,114 @@
+//! The body at three resolutions, and one identity prepared at one of them.
+
+use glam::DVec3;
+use habitus_geometry::vertex_normals;
+
+use crate::body::{BodyModel, BodySurface, PosedSkeleton};
+use crate::fitting::deformers::BodyParameters;
+
+/// Some vertices of the model.
+pub(super) struct BodyLevel {
+    /// Their indices in the model.
+    pub vertices: Vec<u32>,
+    /// The same vertices as a surface of their own.
+    pub surface: BodySurface,
+    /// Whether a vertex belongs to head, hands or feet.
+    pub is_bare: Vec<bool>,
+}
+
+impl BodyLevel {
+    fn new(model: &BodyModel, vertices: Vec<u32>, components: usize) -> Self {
+        let is_bare = vertices.iter().map(|v| model.part_labels()[*v as usize].is_bare()).collect();
+        let surface = model.surface().truncated(components).subset(&vertices);
+        Self { vertices, surface, is_bare }
+    }
+
+    /// All vertices.
+    pub fn full(model: &BodyModel, components: usize) -> Self {
+        Self::new(model, (0..model.vertex_count() as u32).collect(), components)
+    }
+
+    /// About `count` vertices, evenly spread over the mean body.
+    pub fn spread(model: &BodyModel, count: usize, components: usize) -> Self {
+        Self::new(model, farthest_points(model.mean_vertices(), count), components)
+    }
+}
+
+/// Picks points one by one, each the farthest from those picked before.
+fn farthest_points(points: &[DVec3], count: usize) -> Vec<u32> {
+    let mut distances = vec![f64::INFINITY; points.len()];
+    let mut picked = Vec::with_capacity(count.min(points.len()));
+    let mut next = 0;
+    while picked.len() < count.min(points.len()) {
+        picked.push(next as u32);
+        let center = points[next];
+        let mut farthest = (0, -1.0);
+        for (index, (point, distance)) in points.iter().zip(&mut distances).enumerate() {
+            *distance = distance.min(point.distance_squared(center));
+            if *distance > farthest.1 {
+                farthest = (index, *distance);
+            }
+        }
+        next = farthest.0;
+    }
+    picked.sort_unstable();
+    picked
+}
+
+/// An identity at one level: what stays the same over poses.
+pub(super) struct PreparedIdentity<'a> {
+    pub level: &'a BodyLevel,
+    pub identity: Vec<f64>,
+    pub rest: Vec<DVec3>,
+    pub rest_normals: Vec<DVec3>,
+    pub joints: Vec<DVec3>,
+    pub deformer: BodyParameters<'a>,
+}
+
+impl<'a> PreparedIdentity<'a> {
+    pub fn new(model: &BodyModel, level: &'a BodyLevel, identity: &[f64]) -> Self {
+        let all_rest = model.rest_vertices(identity);
+        let all_normals = vertex_normals(&all_rest, model.faces());
+        let rest = level.vertices.iter().map(|v| all_rest[*v as usize]).collect();
+        let rest_normals = level.vertices.iter().map(|v| all_normals[*v as usize]).collect();
+        Self {
+            level,
+            identity: identity.to_vec(),
+            rest,
+            rest_normals,
+            joints: level.surface.rest_joints(identity),
+            deformer: BodyParameters::of_pose(&level.surface, identity),
+        }
+    }
+
+    /// Bone transforms in a pose.
+    pub fn posed(&self, pose: &[f64]) -> PosedSkeleton {
+        self.level.surface.skeleton().pose(&self.joints, pose)
+    }
+
+    /// Posed vertices and their normals; the normals turn with the blended bones, which is right up to the
+    /// shear of the blend and costs no pass over faces.
+    pub fn vertices_and_normals(&self, posed: &PosedSkeleton) -> (Vec<DVec3>, Vec<DVec3>) {
+        let vertices = self.level.surface.skin_vertices(&self.rest, posed);
+        (vertices, turned_normals(&self.level.surface, &self.rest_normals, posed))
+    }
+}
+
+pub(super) fn turned_normals(
+    surface: &BodySurface,
+    rest_normals: &[DVec3],
+    posed: &PosedSkeleton,
+) -> Vec<DVec3> {
+    rest_normals
+        .iter()
+        .enumerate()
+        .map(|(vertex, normal)| {
+            let turned: DVec3 = surface
+                .skin()
+                .of(vertex)
+                .map(|(bone, weight)| posed.rotations[bone] * *normal * weight)
+                .sum();
+            turned.normalize_or(*normal)
+        })
+        .collect()
+}

@@ -1,0 +1,134 @@
+//! One capture, cleaned, in metres, indexed for closest-point queries and sampled.
+
+use glam::{DMat3, DVec3};
+use habitus_geometry::{Surface, SurfaceIndex, TriangleMesh, area_weighted_points, components, weld};
+
+use super::FitSequenceError;
+use super::config::FrameConfig;
+
+/// From the input's coordinates to those of the fit: metres, y up, centred on the first frame and turned to its own
+/// horizontal axes. All headings and offsets of a capture thereby give the same numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct FitFromInput {
+    pub scale: f64,
+    pub rotation: DMat3,
+    pub translation: DVec3,
+}
+
+impl FitFromInput {
+    pub fn apply(&self, point: DVec3) -> DVec3 {
+        self.rotation * (point * self.scale) + self.translation
+    }
+}
+
+/// A point of the capture with its outward unit normal, in the fit's coordinates.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CaptureSample {
+    pub position: DVec3,
+    pub normal: DVec3,
+}
+
+/// A frame that is ready to be fitted.
+pub(super) struct CapturedFrame {
+    pub index: SurfaceIndex,
+    pub samples: Vec<CaptureSample>,
+    /// Lowest and highest corner of the capture.
+    pub bounds: [DVec3; 2],
+}
+
+impl CapturedFrame {
+    /// Cleans, moves, indexes and samples a capture.
+    pub fn prepare(
+        surface: Surface,
+        fit_from_input: &FitFromInput,
+        config: &FrameConfig,
+        seed: u64,
+        name: &str,
+    ) -> Result<Self, FitSequenceError> {
+        match surface {
+            Surface::Mesh(mesh) => Self::of_mesh(mesh, fit_from_input, config, seed, name),
+            Surface::Cloud(cloud) => {
+                let positions: Vec<DVec3> =
+                    cloud.positions().iter().map(|point| fit_from_input.apply(*point)).collect();
+                if positions.len() < SMALLEST_CLOUD {
+                    return Err(FitSequenceError::TooLittleSurface {
+                        frame: name.into(),
+                        found: positions.len(),
+                        needed: SMALLEST_CLOUD,
+                    });
+                }
+                let normals = match cloud.normals() {
+                    Some(normals) => normals.iter().map(|normal| fit_from_input.rotation * *normal).collect(),
+                    None => vec![DVec3::Y; positions.len()], // PENDING estimate_cloud_normals(&positions, config.normal_neighbours)
+                };
+                let stride = positions.len().div_ceil(config.sample_count.max(1)).max(1);
+                let samples = (0..positions.len())
+                    .step_by(stride)
+                    .map(|i| CaptureSample { position: positions[i], normal: normals[i] })
+                    .collect();
+                let bounds = bounds_of(&positions);
+                Ok(Self { index: SurfaceIndex::of_cloud(&positions, &normals), samples, bounds })
+            }
+        }
+    }
+
+    fn of_mesh(
+        mesh: TriangleMesh,
+        fit_from_input: &FitFromInput,
+        config: &FrameConfig,
+        seed: u64,
+        name: &str,
+    ) -> Result<Self, FitSequenceError> {
+        let (mut positions, faces) = mesh.into_parts();
+        for position in &mut positions {
+            *position = fit_from_input.apply(*position);
+        }
+        let faces = without_small_pieces(&positions, faces, config.smallest_component_share);
+        if faces.len() < SMALLEST_MESH {
+            return Err(FitSequenceError::TooLittleSurface {
+                frame: name.into(),
+                found: faces.len(),
+                needed: SMALLEST_MESH,
+            });
+        }
+        let mesh = TriangleMesh::new(positions, faces)
+            .map_err(|source| FitSequenceError::UnusableFrame { frame: name.into(), source })?;
+        let normals = habitus_geometry::face_normals(mesh.positions(), mesh.faces());
+        let samples: Vec<CaptureSample> = area_weighted_points(&mesh, config.sample_count, seed)
+            .into_iter()
+            .map(|(position, face)| CaptureSample { position, normal: normals[face as usize] })
+            .collect();
+        let used: Vec<DVec3> =
+            mesh.faces().iter().flatten().map(|vertex| mesh.positions()[*vertex as usize]).collect();
+        Ok(Self { index: SurfaceIndex::of_mesh(&mesh), samples, bounds: bounds_of(&used) })
+    }
+}
+
+/// A person needs at least this many triangles or points to be told from noise.
+const SMALLEST_MESH: usize = 100;
+const SMALLEST_CLOUD: usize = 200;
+
+pub(super) fn bounds_of(points: &[DVec3]) -> [DVec3; 2] {
+    points.iter().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], point| {
+        [low.min(*point), high.max(*point)]
+    })
+}
+
+/// Drops connected pieces with a small share of the area. Seams (duplicate vertices) must not cut pieces apart, so
+/// connectivity is taken on the welded mesh while the faces keep their own vertices.
+fn without_small_pieces(positions: &[DVec3], faces: Vec<[u32; 3]>, smallest_share: f64) -> Vec<[u32; 3]> {
+    let labels = components(positions.len(), &faces);
+    if faces.iter().all(|face| labels[face[0] as usize] == labels[faces[0][0] as usize]) {
+        return faces;
+    }
+    let welded = weld(positions, &faces, 0.0);
+    let labels = components(welded.positions.len(), &welded.faces);
+    let label_of = |face: &[u32; 3]| labels[welded.map[face[0] as usize] as usize] as usize;
+    let mut areas = vec![0.0; welded.positions.len().max(1)];
+    for face in &faces {
+        let [a, b, c] = face.map(|vertex| positions[vertex as usize]);
+        areas[label_of(face)] += 0.5 * (b - a).cross(c - a).length();
+    }
+    let smallest = smallest_share * areas.iter().sum::<f64>();
+    faces.iter().copied().filter(|face| areas[label_of(face)] >= smallest).collect()
+}

@@ -1,0 +1,103 @@
+//! The one-sided energy of the default recipe, as weights on correspondences.
+//!
+//! Deviation: P2 §4.3 pulls every vertex to the capture with equal weight while it tracks. Here a vertex inside the
+//! capture is pulled weakly and robustly, because under loose cloth its closest point is not skin.
+
+use glam::DVec3;
+
+use super::body_levels::BodyLevel;
+use super::captured_frame::CapturedFrame;
+use super::config::SurfaceConfig;
+use crate::fitting::correspondence::{ClosestField, Correspondence};
+
+/// Geman–McClure: ρ(d) = s² d² / (s² + d²); its weight in iteratively reweighted least squares.
+pub(super) fn robust_weight(distance_squared: f64, scale: f64) -> f64 {
+    let share = scale * scale / (scale * scale + distance_squared);
+    share * share
+}
+
+/// Geman–McClure energy of a squared distance.
+pub(super) fn robust_energy(distance_squared: f64, scale: f64) -> f64 {
+    scale * scale * distance_squared / (scale * scale + distance_squared)
+}
+
+/// The frozen pairs of one round and the energy they stand for.
+pub(super) struct ClothedPairs {
+    pub pairs: Vec<Correspondence>,
+    /// Mean robust energy per vertex in square metres; a vertex without a credible pair counts as far inside.
+    pub energy: f64,
+    /// Share of vertices with a credible pair.
+    pub inlier_share: f64,
+}
+
+/// Pairs of the body with the capture, weighted one-sidedly.
+pub(super) fn clothed_pairs(
+    level: &BodyLevel,
+    field: &ClosestField,
+    vertices: &[DVec3],
+    normals: &[DVec3],
+    config: &SurfaceConfig,
+) -> ClothedPairs {
+    let mut pairs = field.correspondences(vertices, normals, &config.compatibility);
+    let mut energy = 0.0;
+    for pair in &mut pairs {
+        let vertex = pair.vertex as usize;
+        let squared = (vertices[vertex] - pair.target).length_squared();
+        let (weight, scale) = match (level.is_bare[vertex], pair.is_outside) {
+            (true, _) => (config.bare_weight, config.bare_scale),
+            (false, true) => (config.outside_weight, config.outside_scale),
+            (false, false) => (config.inside_weight, config.inside_scale),
+        };
+        pair.weight = weight * robust_weight(squared, scale);
+        energy += weight * robust_energy(squared, scale);
+    }
+    let paired = pairs.len() as f64;
+    let count = vertices.len().max(1) as f64;
+    energy += (count - paired) * config.bare_weight * config.bare_scale * config.bare_scale;
+    ClothedPairs { pairs, energy: energy / count, inlier_share: paired / count }
+}
+
+/// Pairs from capture samples to their nearest body vertices, robustly weighted; they pull limbs into parts of the
+/// capture that no vertex has found. Returns the pairs and the mean robust energy per sample.
+pub(super) fn capture_pairs(
+    frame: &CapturedFrame,
+    sample_stride: usize,
+    vertices: &[DVec3],
+    normals: &[DVec3],
+    weight: f64,
+    scale: f64,
+) -> (Vec<Correspondence>, f64) {
+    let samples = frame.samples.iter().step_by(sample_stride.max(1));
+    let sample_count = frame.samples.len().div_ceil(sample_stride.max(1)).max(1);
+    // Each direction weighs the same, however many vertices and samples there are.
+    let share = weight * vertices.len() as f64 / sample_count as f64;
+    let mut energy = 0.0;
+    let pairs = samples
+        .filter_map(|sample| {
+            let (vertex, squared) = nearest(vertices, normals, sample.position, sample.normal)?;
+            energy += robust_energy(squared, scale);
+            let signed_distance = (vertices[vertex] - sample.position).dot(sample.normal);
+            Some(Correspondence {
+                vertex: vertex as u32,
+                target: sample.position,
+                normal: sample.normal,
+                is_outside: signed_distance > 0.0,
+                signed_distance,
+                weight: share * robust_weight(squared, scale),
+            })
+        })
+        .collect();
+    (pairs, energy / sample_count as f64)
+}
+
+/// The nearest vertex whose normal does not point away; a few hundred vertices need no tree.
+fn nearest(vertices: &[DVec3], normals: &[DVec3], position: DVec3, normal: DVec3) -> Option<(usize, f64)> {
+    let mut best: Option<(usize, f64)> = None;
+    for (index, vertex) in vertices.iter().enumerate() {
+        let squared = vertex.distance_squared(position);
+        if best.is_none_or(|(_, smallest)| squared < smallest) && normals[index].dot(normal) > 0.0 {
+            best = Some((index, squared));
+        }
+    }
+    best
+}

@@ -1,0 +1,373 @@
+//! Settings of `fit_sequence`. Lengths are metres, angles radians unless a suffix says otherwise.
+
+use serde::{Deserialize, Serialize};
+
+use crate::fitting::correspondence::CompatibilityRules;
+use crate::fitting::schedule::RoundSchedule;
+
+/// Which recipe fits the sequence.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Recipe {
+    /// One-sided robust Gauss–Newton tracking and a joint refinement of identity and poses.
+    #[default]
+    Default,
+    /// P2 §4 as printed, with L-BFGS-B.
+    Paper2016,
+}
+
+/// The unit of the input's coordinates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum UnitChoice {
+    /// Guess from the person's stature.
+    #[default]
+    Auto,
+    /// Metres.
+    M,
+    /// Centimetres.
+    Cm,
+    /// Millimetres.
+    Mm,
+}
+
+/// The axis of the input that points up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum UpChoice {
+    /// Decide from the capture.
+    #[default]
+    Auto,
+    /// +x.
+    X,
+    /// +y.
+    Y,
+    /// +z.
+    Z,
+}
+
+/// Settings of the whole stage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FitSequenceConfig {
+    /// The recipe.
+    pub recipe: Recipe,
+    /// Unit of the input.
+    pub unit: UnitChoice,
+    /// Up axis of the input.
+    pub up: UpChoice,
+    /// Identity components that are fitted; a model with fewer uses all it has.
+    pub components: usize,
+    /// Cleaning of each frame.
+    pub frame: FrameConfig,
+    /// The search for the first pose.
+    pub start: StartConfig,
+    /// The one-sided surface energy of the default recipe.
+    pub surface: SurfaceConfig,
+    /// Pose tracking of the default recipe.
+    pub track: TrackConfig,
+    /// Joint refinement of the default recipe.
+    pub refine: RefineConfig,
+    /// The paper's recipe.
+    pub paper2016: Paper2016Config,
+    /// When codes fire.
+    pub codes: CodeThresholds,
+    /// Seed of the surface samples.
+    pub seed: u64,
+}
+
+impl Default for FitSequenceConfig {
+    fn default() -> Self {
+        Self {
+            recipe: Recipe::Default,
+            unit: UnitChoice::Auto,
+            up: UpChoice::Auto,
+            components: 100,
+            frame: FrameConfig::default(),
+            start: StartConfig::default(),
+            surface: SurfaceConfig::default(),
+            track: TrackConfig::default(),
+            refine: RefineConfig::default(),
+            paper2016: Paper2016Config::default(),
+            codes: CodeThresholds::default(),
+            seed: 1,
+        }
+    }
+}
+
+/// Cleaning of each frame before it is fitted.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FrameConfig {
+    /// Connected pieces with a smaller share of the surface area are dropped.
+    pub smallest_component_share: f64,
+    /// Points sampled on the capture for the capture-to-body direction.
+    pub sample_count: usize,
+    /// Neighbours for the normals of clouds that have none.
+    pub normal_neighbours: usize,
+}
+
+impl Default for FrameConfig {
+    fn default() -> Self {
+        Self { smallest_component_share: 0.02, sample_count: 1200, normal_neighbours: 12 }
+    }
+}
+
+/// The search for the first pose: hypotheses that are fitted coarsely and halved.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct StartConfig {
+    /// Headings tried around the vertical.
+    pub yaw_count: usize,
+    /// Body vertices in the coarse fits.
+    pub coarse_vertex_count: usize,
+    /// Capture samples in the coarse fits.
+    pub coarse_sample_count: usize,
+    /// Identity components free during the search.
+    pub component_count: usize,
+    /// Hypotheses kept after each halving, with the Gauss–Newton steps that precede it.
+    pub halvings: Vec<Halving>,
+    /// Geman–McClure scale of the first and of the last steps.
+    pub robust_scale: [f64; 2],
+    /// Stiffness that keeps angles near the hypothesis, per vertex.
+    pub pose_stiffness: f64,
+    /// Stiffness of the population prior on the identity, per vertex.
+    pub identity_stiffness: f64,
+    /// Frames over which rivals of the first frame are tracked before one is chosen.
+    pub trial_frames: usize,
+    /// A rival within this ratio of the best energy is tracked too.
+    pub rival_ratio: f64,
+}
+
+/// One halving of the search.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Halving {
+    /// Gauss–Newton steps of each hypothesis.
+    pub steps: usize,
+    /// Hypotheses kept afterwards.
+    pub keep: usize,
+}
+
+impl Default for StartConfig {
+    fn default() -> Self {
+        Self {
+            yaw_count: 12,
+            coarse_vertex_count: 320,
+            coarse_sample_count: 320,
+            component_count: 6,
+            halvings: vec![
+                Halving { steps: 4, keep: 48 },
+                Halving { steps: 5, keep: 20 },
+                Halving { steps: 8, keep: 8 },
+                Halving { steps: 15, keep: 4 },
+            ],
+            robust_scale: [0.25, 0.06],
+            pose_stiffness: 1e-4,
+            identity_stiffness: 2e-6,
+            trial_frames: 8,
+            rival_ratio: 1.35,
+        }
+    }
+}
+
+/// The one-sided energy: outside the capture is quadratic, inside weak and robust, bare parts two-sided.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SurfaceConfig {
+    /// Which pairs count. P2 §4.3: 200 mm and 60°.
+    pub compatibility: CompatibilityRules,
+    /// Weight of a vertex outside the capture.
+    pub outside_weight: f64,
+    /// Weight of a vertex inside, before the robust kernel.
+    pub inside_weight: f64,
+    /// Geman–McClure scale of vertices inside.
+    pub inside_scale: f64,
+    /// Geman–McClure scale of vertices outside; far larger than any real protrusion.
+    pub outside_scale: f64,
+    /// Weight of bare parts (head, hands, feet), which are two-sided.
+    pub bare_weight: f64,
+    /// Geman–McClure scale of bare parts.
+    pub bare_scale: f64,
+}
+
+impl Default for SurfaceConfig {
+    fn default() -> Self {
+        Self {
+            compatibility: CompatibilityRules::default(),
+            outside_weight: 1.0,
+            inside_weight: 0.35,
+            inside_scale: 0.03,
+            outside_scale: 0.12,
+            bare_weight: 1.0,
+            bare_scale: 0.06,
+        }
+    }
+}
+
+/// Pose tracking of the default recipe.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrackConfig {
+    /// Body vertices of the first rounds.
+    pub coarse_vertex_count: usize,
+    /// Correspondence rounds on the coarse vertices.
+    pub coarse_rounds: usize,
+    /// Correspondence rounds on all vertices.
+    pub fine_rounds: usize,
+    /// Gauss–Newton steps in each round.
+    pub steps_per_round: usize,
+    /// Weight of the capture-to-body direction, relative to the body-to-capture direction.
+    pub capture_weight: f64,
+    /// Geman–McClure scale of the capture-to-body direction.
+    pub capture_scale: f64,
+    /// Stiffness that keeps angles near the prediction, per vertex and squared radian.
+    pub prediction_stiffness: f64,
+    /// Stiffness that keeps angles near the rest pose, per vertex and squared radian.
+    pub rest_stiffness: f64,
+    /// Share of the last frame's motion that the prediction continues.
+    pub velocity: f64,
+}
+
+impl Default for TrackConfig {
+    fn default() -> Self {
+        Self {
+            coarse_vertex_count: 1600,
+            coarse_rounds: 6,
+            fine_rounds: 2,
+            steps_per_round: 1,
+            capture_weight: 0.3,
+            capture_scale: 0.05,
+            prediction_stiffness: 2e-5,
+            rest_stiffness: 2e-6,
+            velocity: 0.7,
+        }
+    }
+}
+
+/// Joint refinement of identity and poses.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RefineConfig {
+    /// Frames from which the first identity is estimated. P2 §5: N_k = 25.
+    pub initial_frames: usize,
+    /// Passes over the initial frames.
+    pub initial_passes: usize,
+    /// Frames, evenly spread, that the final refinement uses at most.
+    pub frame_limit: usize,
+    /// Passes of the final refinement.
+    pub passes: usize,
+    /// Pose rounds on each frame before its equations are taken.
+    pub pose_rounds: usize,
+    /// Standard deviation of a trustworthy residual.
+    pub residual_deviation: f64,
+    /// Independent residuals in a frame: neighbours err together, so far fewer than vertices.
+    pub independent_residuals: f64,
+    /// Smoothness of angles over time in the final pass, per vertex and squared radian.
+    pub smoothness: f64,
+    /// How far above a vertex's smallest clearance a frame still attracts it.
+    pub clearance_tolerance: f64,
+    /// Weight of the attraction of covered vertices to the cloth at their smallest clearance.
+    pub contact_weight: f64,
+    /// Geman–McClure scale of that attraction.
+    pub contact_scale: f64,
+    /// Pose rounds of the final pass over all frames.
+    pub final_rounds: usize,
+}
+
+impl Default for RefineConfig {
+    fn default() -> Self {
+        Self {
+            initial_frames: 25,
+            initial_passes: 4,
+            frame_limit: 60,
+            passes: 4,
+            pose_rounds: 2,
+            residual_deviation: 0.006,
+            independent_residuals: 200.0,
+            smoothness: 2e-5,
+            clearance_tolerance: 0.008,
+            contact_weight: 0.5,
+            contact_scale: 0.02,
+            final_rounds: 3,
+        }
+    }
+}
+
+/// P2 §4.5 and §5.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Paper2016Config {
+    /// P2 §5: N_k = 25 frames for the initial identity.
+    pub initial_frames: usize,
+    /// P2 §5: N_it = 6 alternations.
+    pub alternations: usize,
+    /// P2 §4.5: the landmark weight falls linearly from one and is zero in the last two rounds;
+    /// the data weight is one minus it.
+    pub landmark_weight: RoundSchedule,
+    /// P2 §4.3: 200 mm, 60°.
+    pub compatibility: CompatibilityRules,
+    /// P2 §5: ω_r = 1, on coefficients in the metric units of the basis.
+    pub stay_near_weight: f64,
+    /// Rounds of the joint solve over the initial frames and of the refinement; the paper says "iteratively".
+    pub joint_rounds: usize,
+    /// Iterations of each L-BFGS-B solve at most.
+    pub solver_iterations: usize,
+}
+
+impl Default for Paper2016Config {
+    fn default() -> Self {
+        Self {
+            initial_frames: 25,
+            alternations: 6,
+            landmark_weight: RoundSchedule::LinearToZero { zero_rounds: 2 },
+            compatibility: CompatibilityRules::default(),
+            stay_near_weight: 1.0,
+            joint_rounds: 3,
+            solver_iterations: 40,
+        }
+    }
+}
+
+/// When codes fire.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CodeThresholds {
+    /// Statures that a person can have.
+    pub stature: [f64; 2],
+    /// Smallest share of body vertices with a compatible capture point.
+    pub inlier_share: f64,
+    /// Largest share of body vertices more than 20 mm outside.
+    pub outside_share_20mm: f64,
+    /// Distance from which a capture sample counts as not covered by the body.
+    pub uncovered_distance: f64,
+    /// Largest share of such samples.
+    pub uncovered_share: f64,
+    /// Distance from which a bare body vertex counts as having no capture.
+    pub missing_distance: f64,
+    /// Largest share of such vertices in one bare part.
+    pub missing_share: f64,
+    /// Largest turn of a joint between frames, in radians.
+    pub jump_angle: f64,
+    /// Largest move of the root between frames.
+    pub jump_distance: f64,
+    /// A rival start within this ratio of the best energy is ambiguous.
+    pub rival_ratio: f64,
+}
+
+impl Default for CodeThresholds {
+    fn default() -> Self {
+        Self {
+            stature: [1.2, 2.2],
+            inlier_share: 0.5,
+            outside_share_20mm: 0.12,
+            uncovered_distance: 0.3,
+            uncovered_share: 0.15,
+            missing_distance: 0.12,
+            missing_share: 0.6,
+            jump_angle: 1.2,
+            jump_distance: 0.4,
+            rival_ratio: 1.08,
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! Decides what is suspicious about a fitted frame.
+
+use glam::DVec3;
+
+use super::body_levels::{BodyLevel, PreparedIdentity};
+use super::captured_frame::CapturedFrame;
+use super::config::{CodeThresholds, SurfaceConfig};
+use super::refine_identity::{outside, signed_distances};
+use crate::artifacts::codes::Code;
+use crate::artifacts::fitted_sequence::Landmark;
+use crate::body::{BodyModel, PartLabel, ROOT_LENGTH};
+use crate::fitting::correspondence::ClosestField;
+
+/// What a frame's body looks like against its capture.
+pub(super) struct FrameQuality {
+    pub codes: Vec<Code>,
+    pub inlier_share: f64,
+    pub outside_share_5mm: f64,
+    pub outside_mean: f64,
+    pub landmarks: Vec<Landmark>,
+    /// Clearance of each vertex in metres, negative outside.
+    pub clearance: Vec<f64>,
+}
+
+/// Compares a posed body with its capture. `body` is at full resolution.
+pub(super) fn judge_frame(
+    model: &BodyModel,
+    body: &PreparedIdentity<'_>,
+    capture: &CapturedFrame,
+    pose: &[f64],
+    surface: &SurfaceConfig,
+    thresholds: &CodeThresholds,
+) -> FrameQuality {
+    let posed = body.posed(pose);
+    let (vertices, normals) = body.vertices_and_normals(&posed);
+    let field = ClosestField::find(&capture.index, &vertices, None);
+    let distances = signed_distances(&field, &vertices);
+    let pairs = field.correspondences(&vertices, &normals, &surface.compatibility);
+    let inlier_share = pairs.len() as f64 / vertices.len().max(1) as f64;
+    let (outside_share_5mm, outside_mean) = outside(&distances, 0.005);
+    let mut codes = Vec::new();
+    let mut fire = |condition: bool, code: Code| {
+        if condition {
+            codes.push(code);
+        }
+    };
+    fire(inlier_share < thresholds.inlier_share, Code::TooFewInliers);
+    fire(outside(&distances, 0.02).0 > thresholds.outside_share_20mm, Code::BodyOutsideCapture);
+    let uncovered = uncovered_share(capture, &vertices, thresholds.uncovered_distance);
+    fire(uncovered > thresholds.uncovered_share, Code::CaptureNotCovered);
+    fire(uncovered > FOREIGN_FACTOR * thresholds.uncovered_share, Code::ForeignObject);
+    fire(is_bare_part_missing(model, body.level, &distances, thresholds), Code::BodyNotCovered);
+    fire(is_joint_at_limit(body, pose), Code::JointAtLimit);
+    let landmarks = landmarks(model, body.level, &vertices, &field, &pairs.iter().map(|p| p.vertex).collect::<Vec<_>>());
+    FrameQuality {
+        codes,
+        inlier_share,
+        outside_share_5mm,
+        outside_mean,
+        landmarks,
+        clearance: distances.iter().map(|distance| -distance).collect(),
+    }
+}
+
+/// Beyond this multiple of the uncovered share, what is uncovered is something of its own.
+const FOREIGN_FACTOR: f64 = 2.0;
+
+fn uncovered_share(capture: &CapturedFrame, vertices: &[DVec3], distance: f64) -> f64 {
+    // Every eighth vertex is within 4 cm of the others, far below the distances that matter here.
+    const STRIDE: usize = 8;
+    let limit = distance * distance;
+    let uncovered = capture.samples.iter().filter(|sample| {
+        !vertices.iter().step_by(STRIDE).any(|vertex| vertex.distance_squared(sample.position) < limit)
+    });
+    uncovered.count() as f64 / capture.samples.len().max(1) as f64
+}
+
+fn is_bare_part_missing(
+    model: &BodyModel,
+    level: &BodyLevel,
+    distances: &[f64],
+    thresholds: &CodeThresholds,
+) -> bool {
+    [PartLabel::Head, PartLabel::Foot].into_iter().any(|part| {
+        let of_part = level
+            .vertices
+            .iter()
+            .zip(distances)
+            .filter(|(vertex, _)| model.part_labels()[**vertex as usize] == part);
+        let (mut count, mut missing) = (0_usize, 0_usize);
+        for (_, distance) in of_part {
+            count += 1;
+            missing += usize::from(distance.abs() > thresholds.missing_distance);
+        }
+        count > 0 && missing as f64 > thresholds.missing_share * count as f64
+    })
+}
+
+fn is_joint_at_limit(body: &PreparedIdentity<'_>, pose: &[f64]) -> bool {
+    const TOUCH: f64 = 1e-6;
+    let axes = body.level.surface.skeleton().axes();
+    axes.iter().zip(&pose[ROOT_LENGTH..]).any(|(axis, angle)| {
+        angle - axis.limits[0] < TOUCH || axis.limits[1] - angle < TOUCH
+    })
+}
+
+/// P2 §4.2: landmark vertices of the fitted body. The confidence falls with the distance from the capture and halves
+/// where the pair is not credible.
+fn landmarks(
+    model: &BodyModel,
+    level: &BodyLevel,
+    vertices: &[DVec3],
+    field: &ClosestField,
+    credible: &[u32],
+) -> Vec<Landmark> {
+    /// Distance at which a landmark is half trusted: the thickness of loose clothing.
+    const HALF_TRUST: f64 = 0.04;
+    model
+        .landmark_vertices()
+        .iter()
+        .map(|vertex| {
+            let slot = level.vertices.binary_search(vertex).unwrap_or(0);
+            let squared = field.points[slot].distance_squared;
+            let trust = HALF_TRUST * HALF_TRUST / (HALF_TRUST * HALF_TRUST + squared);
+            let factor = if credible.binary_search(&(slot as u32)).is_ok() { 1.0 } else { 0.5 };
+            Landmark { position: vertices[slot], confidence: trust * factor }
+        })
+        .collect()
+}
+
+/// A person's joints do not jump: compares a pose with the one before.
+pub(super) fn is_temporal_jump(pose: &[f64], before: &[f64], thresholds: &CodeThresholds) -> bool {
+    let moved = DVec3::from_slice(pose).distance(DVec3::from_slice(before)) > thresholds.jump_distance;
+    let turned = pose[ROOT_LENGTH..]
+        .iter()
+        .zip(&before[ROOT_LENGTH..])
+        .any(|(a, b)| (a - b).abs() > thresholds.jump_angle);
+    moved || turned
+}

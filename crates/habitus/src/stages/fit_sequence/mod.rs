@@ -1,0 +1,416 @@
+//! The body under the clothes of a captured sequence (P2): one identity, a pose for each frame.
+//!
+//! Frames → frame of reference → start on the first frame → identity of the first frames → tracking → joint refinement
+//! → codes. Frames are read one at a time; only poses and codes grow with the sequence. Everything inside happens in
+//! metres, y up, in coordinates centred on the first frame; results are moved back at the end.
+
+mod body_levels;
+mod captured_frame;
+mod clothed_surface;
+pub mod config;
+mod frame_codes;
+mod orientation;
+mod paper2016;
+mod pose_solver;
+mod refine_identity;
+mod start_search;
+mod track_pose;
+
+use glam::DVec3;
+use habitus_geometry::MeshError;
+use habitus_optimize::{Event, Flow, Observer, SolveError};
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use self::body_levels::{BodyLevel, PreparedIdentity};
+use self::captured_frame::{CapturedFrame, FitFromInput};
+pub use self::config::FitSequenceConfig;
+use self::config::Recipe;
+use self::frame_codes::{FrameQuality, is_temporal_jump, judge_frame};
+use self::orientation::{Orientation, move_root};
+use self::pose_solver::{AnglePrior, PoseSolver};
+use self::refine_identity::{refine_pass, spread};
+use self::track_pose::TrackedFrame;
+use crate::artifacts::codes::Code;
+use crate::artifacts::fitted_sequence::{FittedFrame, FittedSequence, Landmark};
+use crate::artifacts::frames::{FrameError, FrameSource};
+use crate::artifacts::journal::Journal;
+use crate::body::{BodyModel, IdentityCoefficients};
+
+/// Why a sequence cannot be fitted.
+#[derive(Debug, Error)]
+pub enum FitSequenceError {
+    /// A frame cannot be read.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// No frame can be used.
+    #[error("no frame of the sequence can be used; see the messages about its frames")]
+    NoUsableFrame,
+    /// A capture has almost nothing on it.
+    #[error("{frame}: has only {found} usable triangles or points, a person needs at least {needed}")]
+    TooLittleSurface {
+        /// The frame.
+        frame: String,
+        /// What is there.
+        found: usize,
+        /// What is needed.
+        needed: usize,
+    },
+    /// A capture's mesh is invalid after cleaning.
+    #[error("{frame}: {source}")]
+    UnusableFrame {
+        /// The frame.
+        frame: String,
+        /// What is wrong.
+        source: MeshError,
+    },
+    /// A landmark is given for a name that the model does not have.
+    #[error("landmark '{name}' is unknown; the model has {known}")]
+    UnknownLandmark {
+        /// The name.
+        name: String,
+        /// The names it could be.
+        known: String,
+    },
+    /// A solver failed.
+    #[error("the solver failed: {0}")]
+    Solve(#[from] SolveError),
+    /// The journal of finished frames cannot be written.
+    #[error("the journal of finished frames cannot be written: {0}")]
+    Journal(std::io::Error),
+    /// The observer asked to stop.
+    #[error("stopped on request; run again to continue from the frames that are finished")]
+    Cancelled,
+}
+
+/// A landmark that the user gives for one frame, in the input's own coordinates.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct UserLandmark {
+    /// Name of the frame.
+    pub frame: String,
+    /// Name of the landmark in the model.
+    pub landmark: String,
+    /// Position in the input's coordinates.
+    pub position: DVec3,
+}
+
+/// Fits one identity and a pose for each frame. Frames that were finished by an earlier, killed run are taken from the
+/// journal. Progress is reported as stages `start`, `track`, `refine`.
+pub fn fit_sequence(
+    source: &dyn FrameSource,
+    model: &BodyModel,
+    config: &FitSequenceConfig,
+    user_landmarks: &[UserLandmark],
+    journal: &mut Journal,
+    observer: &mut dyn Observer,
+) -> Result<FittedSequence, FitSequenceError> {
+    if let Some(unknown) =
+        user_landmarks.iter().find(|given| !model.metadata().landmarks.contains(&given.landmark))
+    {
+        return Err(FitSequenceError::UnknownLandmark {
+            name: unknown.landmark.clone(),
+            known: model.metadata().landmarks.join(", "),
+        });
+    }
+    progress(observer, "start", 0, 1)?;
+    let stage = Stage::new(source, model, config, user_landmarks);
+    let mut track = stage.track_or_resume(journal, observer)?;
+    if config.recipe == Recipe::Paper2016 {
+        paper2016::refit(&stage, &mut track, observer)?;
+    } else {
+        stage.refine(&mut track, observer)?;
+    }
+    stage.finish(track, observer)
+}
+
+fn progress(
+    observer: &mut dyn Observer,
+    stage: &'static str,
+    done: usize,
+    total: usize,
+) -> Result<(), FitSequenceError> {
+    match observer.on_event(&Event::Progress { stage, done, total }) {
+        Flow::Continue => Ok(()),
+        Flow::Stop => Err(FitSequenceError::Cancelled),
+    }
+}
+
+/// What a run of the stage works with.
+struct Stage<'a> {
+    source: &'a dyn FrameSource,
+    model: &'a BodyModel,
+    config: &'a FitSequenceConfig,
+    user_landmarks: &'a [UserLandmark],
+    component_count: usize,
+    medium: BodyLevel,
+    full: BodyLevel,
+}
+
+/// What tracking found and refinement improves.
+struct Track {
+    orientation: Orientation,
+    identity: Vec<f64>,
+    covariance: DMatrix<f64>,
+    frames: Vec<TrackedFrame>,
+    /// Energy of the second-best start over that of the best, over the trial frames.
+    rival_ratio: f64,
+}
+
+impl Track {
+    /// Frames whose pose may vote on the identity.
+    fn trusted(&self) -> Vec<usize> {
+        (0..self.frames.len()).filter(|frame| self.frames[*frame].is_trusted()).collect()
+    }
+}
+
+impl<'a> Stage<'a> {
+    fn new(
+        source: &'a dyn FrameSource,
+        model: &'a BodyModel,
+        config: &'a FitSequenceConfig,
+        user_landmarks: &'a [UserLandmark],
+    ) -> Self {
+        let component_count = config.components.min(model.component_count());
+        Self {
+            source,
+            model,
+            config,
+            user_landmarks,
+            component_count,
+            medium: BodyLevel::spread(model, config.track.coarse_vertex_count, component_count),
+            full: BodyLevel::full(model, component_count),
+        }
+    }
+
+    fn load(&self, frame: usize, fit_from_input: &FitFromInput) -> Result<CapturedFrame, FitSequenceError> {
+        let name = self.source.name(frame);
+        let surface = self.source.surface(frame)?;
+        CapturedFrame::prepare(surface, fit_from_input, &self.config.frame, self.config.seed, &name)
+    }
+
+    fn solver(&self, identity: &[f64]) -> Result<PoseSolver<'_>, FitSequenceError> {
+        let (lower, upper) = self.model.skeleton().pose_limits();
+        Ok(PoseSolver {
+            coarse: PreparedIdentity::new(self.model, &self.medium, identity),
+            fine: PreparedIdentity::new(self.model, &self.full, identity),
+            surface: &self.config.surface,
+            track: &self.config.track,
+            bounds: habitus_optimize::Bounds::new(lower, upper)?,
+        })
+    }
+
+    /// Angles stay near the mean of their neighbours in time, where cloth is silent.
+    fn smoothness_prior(&self, poses: &[Vec<f64>], frame: usize) -> AnglePrior {
+        let track = &self.config.track;
+        let mut prior =
+            AnglePrior { pulls: vec![(vec![0.0; poses[frame].len()], track.rest_stiffness)] };
+        if frame > 0 && frame + 1 < poses.len() {
+            let mean = poses[frame - 1].iter().zip(&poses[frame + 1]).map(|(a, b)| 0.5 * (a + b)).collect();
+            prior.pulls.push((mean, self.config.refine.smoothness));
+        }
+        prior
+    }
+
+    /// Joint refinement over evenly spread frames (see `refine_identity`).
+    fn refine(&self, track: &mut Track, observer: &mut dyn Observer) -> Result<(), FitSequenceError> {
+        let config = &self.config.refine;
+        let trusted = track.trusted();
+        let frames = spread(&trusted, config.frame_limit);
+        if frames.is_empty() {
+            return Ok(());
+        }
+        let tracked: Vec<Vec<f64>> = track.frames.iter().map(|frame| frame.pose.clone()).collect();
+        self.refine_over(track, &frames, &tracked, config.passes, observer)
+    }
+
+    fn refine_over(
+        &self,
+        track: &mut Track,
+        frames: &[usize],
+        tracked: &[Vec<f64>],
+        passes: usize,
+        observer: &mut dyn Observer,
+    ) -> Result<(), FitSequenceError> {
+        let mut poses = tracked.to_vec();
+        let mut clearance: Option<Vec<f64>> = None;
+        let fit_from_input = track.orientation.fit_from_input;
+        for pass in 0..passes {
+            progress(observer, "refine", pass, passes + 1)?;
+            let solver = self.solver(&track.identity)?;
+            let load = |frame: usize| self.load(frame, &fit_from_input).ok();
+            let prior = |frame: usize| self.smoothness_prior(tracked, frame);
+            let step = refine_pass(
+                &solver,
+                frames,
+                &load,
+                &mut poses,
+                &prior,
+                clearance.as_deref(),
+                &self.config.refine,
+            )?;
+            track.identity = step.identity;
+            track.covariance = step.covariance;
+            clearance = Some(step.smallest_clearance);
+            observer.on_event(&Event::Round { name: "refine", index: pass, count: passes, energy: step.energy });
+        }
+        for frame in frames {
+            track.frames[*frame].pose.clone_from(&poses[*frame]);
+        }
+        Ok(())
+    }
+
+    /// Last pose rounds with the final identity, codes, and the way back to the input's frame.
+    fn finish(&self, track: Track, observer: &mut dyn Observer) -> Result<FittedSequence, FitSequenceError> {
+        let solver = self.solver(&track.identity)?;
+        let fit_from_input = track.orientation.fit_from_input;
+        let tracked: Vec<Vec<f64>> = track.frames.iter().map(|frame| frame.pose.clone()).collect();
+        let mut smallest_clearance = vec![f64::INFINITY; self.full.vertices.len()];
+        let mut frames = Vec::with_capacity(track.frames.len());
+        const BATCH: usize = 8;
+        for batch in (0..track.frames.len()).collect::<Vec<_>>().chunks(BATCH) {
+            let finished: Vec<_> = batch
+                .par_iter()
+                .map(|frame| self.finish_frame(&solver, &track.frames[*frame], *frame, &tracked, &fit_from_input))
+                .collect();
+            for (frame, finished) in batch.iter().zip(finished) {
+                let (pose, energy, quality) = finished?;
+                let (fitted, clearance) =
+                    self.fitted_frame(&track, &solver, *frame, pose, energy, quality, frames.last());
+                if fitted.is_ok() {
+                    for (smallest, clearance) in smallest_clearance.iter_mut().zip(&clearance) {
+                        *smallest = smallest.min(*clearance);
+                    }
+                }
+                frames.push(fitted);
+            }
+            progress(observer, "finish", frames.len(), track.frames.len())?;
+        }
+        let codes = self.sequence_codes(&track, &frames);
+        // Poses leave the fit's own coordinates for metres, y up, in the input's place.
+        for frame in &mut frames {
+            move_root(&mut frame.pose, solver.fine.joints[0], &track.orientation.internal_from_fit());
+            for landmark in &mut frame.landmarks {
+                landmark.position = track.orientation.internal_from_fit().apply(landmark.position);
+            }
+        }
+        Ok(FittedSequence {
+            input_frame: track.orientation.input_frame(),
+            rest_vertices: self.model.rest_vertices(&track.identity),
+            rest_joints: self.model.surface().rest_joints(&track.identity),
+            identity: track.identity,
+            identity_covariance: track.covariance,
+            smallest_clearance,
+            frames,
+            codes,
+        })
+    }
+
+    fn finish_frame(
+        &self,
+        solver: &PoseSolver<'_>,
+        tracked: &TrackedFrame,
+        frame: usize,
+        poses: &[Vec<f64>],
+        fit_from_input: &FitFromInput,
+    ) -> Result<(Vec<f64>, f64, Option<FrameQuality>), FitSequenceError> {
+        let capture = match self.load(frame, fit_from_input) {
+            Ok(capture) if tracked.error.is_none() => capture,
+            _ => return Ok((tracked.pose.clone(), f64::NAN, None)),
+        };
+        let (pose, energy) = if self.config.recipe == Recipe::Paper2016 {
+            (tracked.pose.clone(), tracked.energy)
+        } else {
+            let prior = self.smoothness_prior(poses, frame);
+            let rounds = self.config.refine.final_rounds;
+            let solution = solver.polish(&capture, tracked.pose.clone(), &prior, rounds)?;
+            (solution.pose, solution.energy)
+        };
+        let surface = &self.config.surface;
+        let quality = judge_frame(self.model, &solver.fine, &capture, &pose, surface, &self.config.codes);
+        Ok((pose, energy, Some(quality)))
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "the parts of one frame's result meet here and nowhere else")]
+    fn fitted_frame(
+        &self,
+        track: &Track,
+        solver: &PoseSolver<'_>,
+        frame: usize,
+        pose: Vec<f64>,
+        energy: f64,
+        quality: Option<FrameQuality>,
+        before: Option<&FittedFrame>,
+    ) -> (FittedFrame, Vec<f64>) {
+        let name = self.source.name(frame);
+        let Some(quality) = quality else {
+            let landmarks = solver.landmarks_without_capture(self.model, &pose);
+            let fitted = FittedFrame {
+                name,
+                pose,
+                landmarks,
+                codes: vec![Code::UnreadableFrame],
+                inlier_share: 0.0,
+                outside_share_5mm: 0.0,
+                outside_mean: 0.0,
+                energy: 0.0,
+                seconds: 0.0,
+            };
+            return (fitted, Vec::new());
+        };
+        let mut codes = quality.codes;
+        if before.is_some_and(|before| is_temporal_jump(&pose, &before.pose, &self.config.codes)) {
+            codes.push(Code::TemporalJump);
+        }
+        if frame == 0 && track.rival_ratio < self.config.codes.rival_ratio {
+            codes.push(Code::AmbiguousStart);
+        }
+        let fitted = FittedFrame {
+            name,
+            pose,
+            landmarks: quality.landmarks,
+            codes,
+            inlier_share: quality.inlier_share,
+            outside_share_5mm: quality.outside_share_5mm,
+            outside_mean: quality.outside_mean,
+            energy,
+            seconds: 0.0,
+        };
+        (fitted, quality.clearance)
+    }
+
+    fn sequence_codes(&self, track: &Track, frames: &[FittedFrame]) -> Vec<Code> {
+        let mut codes = Vec::new();
+        let at_limit = |z: &f64| z.abs() >= IdentityCoefficients::LIMIT - 1e-6;
+        if track.identity.iter().any(at_limit) {
+            codes.push(Code::IdentityAtLimit);
+        }
+        let rest = self.model.rest_vertices(&track.identity);
+        let [low, high] = captured_frame::bounds_of(&rest);
+        let [shortest, tallest] = self.config.codes.stature;
+        let failed = frames.iter().filter(|frame| !frame.is_ok()).count();
+        if !(shortest..=tallest).contains(&(high.y - low.y)) || 2 * failed > frames.len() {
+            codes.push(Code::NotAPerson);
+        }
+        if track.rival_ratio < self.config.codes.rival_ratio {
+            codes.push(Code::AmbiguousStart);
+        }
+        if !track.orientation.is_certain {
+            codes.push(Code::UncertainFrameOfReference);
+        }
+        codes
+    }
+}
+
+impl PoseSolver<'_> {
+    /// Landmarks of a pose that no capture supports.
+    fn landmarks_without_capture(&self, model: &BodyModel, pose: &[f64]) -> Vec<Landmark> {
+        let (vertices, _) = self.fine.vertices_and_normals(&self.fine.posed(pose));
+        model
+            .landmark_vertices()
+            .iter()
+            .map(|vertex| Landmark { position: vertices[*vertex as usize], confidence: 0.0 })
+            .collect()
+    }
+}

@@ -1,0 +1,157 @@
+//! Fits the pose of one frame for a fixed identity, coarse to fine.
+
+use glam::{DQuat, DVec3};
+use habitus_optimize::{Bounds, GaussNewtonSettings, Silent, gauss_newton};
+
+use super::FitSequenceError;
+use super::body_levels::PreparedIdentity;
+use super::captured_frame::CapturedFrame;
+use super::clothed_surface::{capture_pairs, clothed_pairs};
+use super::config::{SurfaceConfig, TrackConfig};
+use crate::body::{ROOT_LENGTH, Skeleton, rotation_vector};
+use crate::fitting::Fit;
+use crate::fitting::correspondence::ClosestField;
+use crate::fitting::terms::{ClosestPoints, DistanceForm, StayNear};
+
+/// What pulls the angles while the capture is silent: each angle to a value, with a stiffness per vertex.
+#[derive(Clone, Debug, Default)]
+pub(super) struct AnglePrior {
+    pub pulls: Vec<(Vec<f64>, f64)>,
+}
+
+/// A fitted pose and how well it explains the frame.
+#[derive(Clone, Debug)]
+pub(super) struct PoseSolution {
+    pub pose: Vec<f64>,
+    /// Mean one-sided energy per vertex plus the capture's share, in square metres.
+    pub energy: f64,
+    pub inlier_share: f64,
+}
+
+/// Capture samples that are compared with the coarse vertices in one round.
+const SAMPLES_PER_ROUND: usize = 300;
+
+/// Fits poses of one identity.
+pub(super) struct PoseSolver<'a> {
+    pub coarse: PreparedIdentity<'a>,
+    pub fine: PreparedIdentity<'a>,
+    pub surface: &'a SurfaceConfig,
+    pub track: &'a TrackConfig,
+    pub bounds: Bounds,
+}
+
+impl PoseSolver<'_> {
+    /// The predicted pose: the last one, continued by part of its last motion.
+    pub fn predict(skeleton: &Skeleton, last: &[f64], before: Option<&[f64]>, velocity: f64) -> Vec<f64> {
+        let Some(before) = before else { return last.to_vec() };
+        let mut pose = last.to_vec();
+        for (k, value) in pose.iter_mut().enumerate() {
+            if !(3..ROOT_LENGTH).contains(&k) {
+                *value += velocity * (last[k] - before[k]);
+            }
+        }
+        let rotation_of = |pose: &[f64]| DQuat::from_scaled_axis(DVec3::from_slice(&pose[3..6]));
+        let change = rotation_vector(rotation_of(last) * rotation_of(before).inverse()) * velocity;
+        let rotation = rotation_vector(DQuat::from_scaled_axis(change) * rotation_of(last));
+        pose[3..6].copy_from_slice(&rotation.to_array());
+        let (lower, upper) = skeleton.pose_limits();
+        for (k, value) in pose.iter_mut().enumerate() {
+            *value = value.clamp(lower[k], upper[k]);
+        }
+        pose
+    }
+
+    /// Coarse rounds, then fine rounds.
+    pub fn solve(
+        &self,
+        frame: &CapturedFrame,
+        start: &[f64],
+        prior: &AnglePrior,
+    ) -> Result<PoseSolution, FitSequenceError> {
+        let mut pose = start.to_vec();
+        self.rounds(&self.coarse, frame, &mut pose, prior, self.track.coarse_rounds)?;
+        self.polish(frame, pose, prior, self.track.fine_rounds)
+    }
+
+    /// Fine rounds only.
+    pub fn polish(
+        &self,
+        frame: &CapturedFrame,
+        mut pose: Vec<f64>,
+        prior: &AnglePrior,
+        rounds: usize,
+    ) -> Result<PoseSolution, FitSequenceError> {
+        let field = self.rounds(&self.fine, frame, &mut pose, prior, rounds)?;
+        let (energy, inlier_share) = self.judge(&self.fine, frame, &pose, field.as_ref());
+        normalise_root(&mut pose);
+        Ok(PoseSolution { pose, energy, inlier_share })
+    }
+
+    /// Energy and inlier share of a pose, both directions together.
+    pub fn judge(
+        &self,
+        body: &PreparedIdentity<'_>,
+        frame: &CapturedFrame,
+        pose: &[f64],
+        earlier: Option<&ClosestField>,
+    ) -> (f64, f64) {
+        let (vertices, normals) = body.vertices_and_normals(&body.posed(pose));
+        let field = ClosestField::find(&frame.index, &vertices, earlier);
+        let clothed = clothed_pairs(body.level, &field, &vertices, &normals, self.surface);
+        // The coarse body is enough to see what of the capture is unexplained.
+        let (vertices, normals) = self.coarse.vertices_and_normals(&self.coarse.posed(pose));
+        let stride = frame.samples.len().div_ceil(SAMPLES_PER_ROUND);
+        let (_, uncovered) =
+            capture_pairs(frame, stride, &vertices, &normals, 1.0, self.track.capture_scale);
+        (clothed.energy + self.track.capture_weight * uncovered, clothed.inlier_share)
+    }
+
+    fn rounds(
+        &self,
+        body: &PreparedIdentity<'_>,
+        frame: &CapturedFrame,
+        pose: &mut [f64],
+        prior: &AnglePrior,
+        rounds: usize,
+    ) -> Result<Option<ClosestField>, FitSequenceError> {
+        let settings = GaussNewtonSettings {
+            max_iterations: self.track.steps_per_round,
+            initial_damping: 1e-3,
+            ..GaussNewtonSettings::default()
+        };
+        let is_coarse = body.level.vertices.len() == self.coarse.level.vertices.len();
+        let stride = frame.samples.len().div_ceil(SAMPLES_PER_ROUND);
+        let mut field: Option<ClosestField> = None;
+        for _ in 0..rounds {
+            let (vertices, normals) = body.vertices_and_normals(&body.posed(pose));
+            let found = ClosestField::find(&frame.index, &vertices, field.as_ref());
+            let mut pairs = clothed_pairs(body.level, &found, &vertices, &normals, self.surface).pairs;
+            if is_coarse {
+                let (weight, scale) = (self.track.capture_weight, self.track.capture_scale);
+                pairs.extend(capture_pairs(frame, stride, &vertices, &normals, weight, scale).0);
+            }
+            let closest = ClosestPoints::new(&pairs, DistanceForm::Plane);
+            let count = vertices.len() as f64;
+            let pulls: Vec<StayNear> = prior
+                .pulls
+                .iter()
+                .map(|(target, stiffness)| {
+                    let angles = &target[ROOT_LENGTH..];
+                    StayNear::new(ROOT_LENGTH, angles, &vec![stiffness * count; angles.len()])
+                })
+                .collect();
+            let fit = pulls.iter().fold(Fit::new(&body.deformer).with(1.0, &closest), |fit, pull| {
+                fit.with(1.0, pull)
+            });
+            gauss_newton(&fit, pose, &self.bounds, &settings, &mut Silent)?;
+            field = Some(found);
+        }
+        Ok(field)
+    }
+}
+
+/// Keeps the root's rotation vector shorter than π, away from its singularity at 2π.
+pub(super) fn normalise_root(pose: &mut [f64]) {
+    let rotation = DQuat::from_scaled_axis(DVec3::from_slice(&pose[3..6]));
+    pose[3..6].copy_from_slice(&rotation_vector(rotation).to_array());
+}

@@ -1,0 +1,240 @@
+//! One identity and all poses together: poses are eliminated frame by frame, so that the identity sees through them.
+//!
+//! Deviation: P2 §4.5 refines the identity with frozen poses. Slightly wrong poses then push limbs thin; eliminating
+//! the poses exactly (a Schur complement for each frame) costs little more.
+
+use glam::DVec3;
+use habitus_optimize::minimize_box_quadratic;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::FitSequenceError;
+use super::body_levels::PreparedIdentity;
+use super::captured_frame::CapturedFrame;
+use super::clothed_surface::robust_weight;
+use super::config::{RefineConfig, SurfaceConfig};
+use super::pose_solver::{AnglePrior, PoseSolver};
+use crate::body::{IdentityCoefficients, ROOT_LENGTH};
+use crate::fitting::VertexResidual;
+use crate::fitting::correspondence::{ClosestField, Correspondence};
+use crate::fitting::deformers::body_assembly::{BodyAssembly, Gather, ShapeMoments};
+
+/// Frames whose equations are in memory together; fixed, so that sums do not depend on the thread count.
+const BATCH: usize = 8;
+
+/// What one frame says about the identity once its pose is eliminated.
+struct FrameShare {
+    matrix: DMatrix<f64>,
+    gradient: DVector<f64>,
+    moments: ShapeMoments,
+    clearance: Vec<f64>,
+    pose: Vec<f64>,
+    energy: f64,
+    vertex_count: usize,
+}
+
+/// The identity after a pass, with the curvature of the energy there.
+pub(super) struct IdentityStep {
+    pub identity: Vec<f64>,
+    /// Inverse of the normal matrix, prior included: the posterior covariance in standard deviations.
+    pub covariance: DMatrix<f64>,
+    /// Smallest clearance of each vertex in metres over the frames of the pass; infinite where no frame saw it.
+    pub smallest_clearance: Vec<f64>,
+    /// Mean energy per vertex.
+    pub energy: f64,
+}
+
+/// One pass over frames: polish each pose, take its equations, eliminate the pose, step the identity in its box.
+///
+/// `frames` yields (position in `poses`, capture); a frame that cannot be read is left out by returning `None`.
+pub(super) fn refine_pass(
+    solver: &PoseSolver<'_>,
+    frames: &[usize],
+    load: &(dyn Fn(usize) -> Option<CapturedFrame> + Sync),
+    poses: &mut [Vec<f64>],
+    prior: &(dyn Fn(usize) -> AnglePrior + Sync),
+    earlier_clearance: Option<&[f64]>,
+    config: &RefineConfig,
+) -> Result<IdentityStep, FitSequenceError> {
+    let body = &solver.fine;
+    let surface = &body.level.surface;
+    let width = surface.component_count();
+    let mut matrix = DMatrix::zeros(width, width);
+    let mut gradient = DVector::zeros(width);
+    let mut moments = ShapeMoments::new(surface.vertex_count());
+    let mut smallest_clearance = vec![f64::INFINITY; surface.vertex_count()];
+    let (mut energy, mut vertex_count, mut frame_count) = (0.0, 0, 0);
+    for batch in frames.chunks(BATCH) {
+        let shares: Vec<Result<Option<FrameShare>, FitSequenceError>> = batch
+            .par_iter()
+            .map(|frame| match load(*frame) {
+                None => Ok(None),
+                Some(capture) => {
+                    let start = poses[*frame].clone();
+                    frame_share(solver, &capture, start, &prior(*frame), earlier_clearance, config).map(Some)
+                }
+            })
+            .collect();
+        for (frame, share) in batch.iter().zip(shares) {
+            let Some(share) = share? else { continue };
+            matrix += share.matrix;
+            gradient += share.gradient;
+            moments.merge(&share.moments);
+            for (smallest, clearance) in smallest_clearance.iter_mut().zip(&share.clearance) {
+                *smallest = smallest.min(*clearance);
+            }
+            poses[*frame] = share.pose;
+            energy += share.energy;
+            vertex_count += share.vertex_count;
+            frame_count += 1;
+        }
+    }
+    if frame_count == 0 {
+        return Err(FitSequenceError::NoUsableFrame);
+    }
+    moments.apply(surface, Some(&mut matrix), gradient.as_mut_slice());
+    let (identity, covariance) = identity_step(&body.identity, matrix, gradient, vertex_count, config)?;
+    let energy = energy / vertex_count.max(1) as f64;
+    Ok(IdentityStep { identity, covariance, smallest_clearance, energy })
+}
+
+/// Data against the population: residuals count as `independent_residuals` of deviation `residual_deviation`.
+fn identity_step(
+    identity: &[f64],
+    mut matrix: DMatrix<f64>,
+    mut gradient: DVector<f64>,
+    vertex_count: usize,
+    config: &RefineConfig,
+) -> Result<(Vec<f64>, DMatrix<f64>), FitSequenceError> {
+    let width = identity.len();
+    let scale = config.independent_residuals
+        / (vertex_count.max(1) as f64 * config.residual_deviation * config.residual_deviation);
+    matrix *= scale;
+    gradient *= scale;
+    for (k, coefficient) in identity.iter().enumerate() {
+        matrix[(k, k)] += 1.0;
+        gradient[k] += coefficient;
+    }
+    let symmetric = (&matrix + matrix.transpose()) * 0.5;
+    let limit = IdentityCoefficients::LIMIT;
+    let lower: Vec<f64> = identity.iter().map(|z| -limit - z).collect();
+    let upper: Vec<f64> = identity.iter().map(|z| limit - z).collect();
+    let step = minimize_box_quadratic(&symmetric, &gradient, &lower, &upper)?;
+    let next = identity.iter().zip(step.step.iter()).map(|(z, d)| (z + d).clamp(-limit, limit)).collect();
+    let covariance = symmetric
+        .cholesky()
+        .map_or_else(|| DMatrix::identity(width, width), |factor| factor.inverse());
+    Ok((next, covariance))
+}
+
+fn frame_share(
+    solver: &PoseSolver<'_>,
+    capture: &CapturedFrame,
+    start: Vec<f64>,
+    prior: &AnglePrior,
+    earlier_clearance: Option<&[f64]>,
+    config: &RefineConfig,
+) -> Result<FrameShare, FitSequenceError> {
+    let solution = solver.polish(capture, start, prior, config.pose_rounds)?;
+    let body = &solver.fine;
+    let surface = &body.level.surface;
+    let posed = body.posed(&solution.pose);
+    let (vertices, normals) = body.vertices_and_normals(&posed);
+    let field = ClosestField::find(&capture.index, &vertices, None);
+    let pairs = field.correspondences(&vertices, &normals, &solver.surface.compatibility);
+    let mut clearance = vec![f64::INFINITY; vertices.len()];
+    for pair in &pairs {
+        clearance[pair.vertex as usize] = -pair.signed_distance;
+    }
+    let residuals: Vec<VertexResidual> = pairs
+        .iter()
+        .map(|pair| VertexResidual {
+            vertex: pair.vertex,
+            direction: pair.normal,
+            target: pair.target,
+            weight: contact_aware_weight(body, pair, earlier_clearance, solver.surface, config),
+        })
+        .collect();
+    let mut assembly = BodyAssembly::new(surface, Gather::PoseAndIdentity, true);
+    assembly.add(surface, &posed, &body.rest, &vertices, &residuals);
+    let mut equations = assembly.equations(surface, &posed);
+    let count = vertices.len() as f64;
+    for (target, stiffness) in &prior.pulls {
+        for k in ROOT_LENGTH..solution.pose.len() {
+            equations.pose_matrix[(k, k)] += stiffness * count;
+            equations.pose_gradient[k] += stiffness * count * (solution.pose[k] - target[k]);
+        }
+    }
+    // A little of the diagonal keeps a pose parameter that nothing constrains from having a vote.
+    for k in 0..solution.pose.len() {
+        let diagonal = equations.pose_matrix[(k, k)];
+        equations.pose_matrix[(k, k)] = diagonal * (1.0 + 1e-6) + 1e-9;
+    }
+    let (mut matrix, mut gradient) = (equations.identity_matrix, equations.identity_gradient);
+    if let Some(factor) = equations.pose_matrix.cholesky() {
+        let eliminated = factor.solve(&equations.pose_identity);
+        matrix.gemm_tr(-1.0, &equations.pose_identity, &eliminated, 1.0);
+        gradient.gemv_tr(-1.0, &eliminated, &equations.pose_gradient, 1.0);
+    }
+    Ok(FrameShare {
+        matrix,
+        gradient,
+        moments: assembly.into_moments(),
+        clearance,
+        pose: solution.pose,
+        energy: equations.value,
+        vertex_count: vertices.len(),
+    })
+}
+
+/// Cloth touches skin somewhere, sometime: a covered vertex is drawn to the cloth only in frames in which it comes
+/// about as close as it ever does, and only if that is close.
+fn contact_aware_weight(
+    body: &PreparedIdentity<'_>,
+    pair: &Correspondence,
+    earlier_clearance: Option<&[f64]>,
+    surface: &SurfaceConfig,
+    config: &RefineConfig,
+) -> f64 {
+    let vertex = pair.vertex as usize;
+    let distance = pair.signed_distance;
+    if body.level.is_bare[vertex] {
+        return surface.bare_weight * robust_weight(distance * distance, surface.bare_scale);
+    }
+    if pair.is_outside {
+        return surface.outside_weight * robust_weight(distance * distance, surface.outside_scale);
+    }
+    let depth = -distance;
+    let smallest = earlier_clearance.map_or(depth, |clearance| clearance[vertex].max(0.0));
+    let above = (depth - smallest).max(0.0) / config.clearance_tolerance;
+    config.contact_weight * robust_weight(depth * depth, config.contact_scale) * (-above * above).exp()
+}
+
+/// Positions of `count` frames at most, evenly spread over the trusted ones.
+pub(super) fn spread(trusted: &[usize], count: usize) -> Vec<usize> {
+    if trusted.len() <= count {
+        return trusted.to_vec();
+    }
+    (0..count).map(|k| trusted[(2 * k + 1) * trusted.len() / (2 * count)]).collect()
+}
+
+/// Vertices that lie outside the capture, deepest first in sum: (share beyond `depth`, mean depth of all vertices).
+pub(super) fn outside(signed_distances: &[f64], depth: f64) -> (f64, f64) {
+    let count = signed_distances.len().max(1) as f64;
+    let beyond = signed_distances.iter().filter(|distance| **distance > depth).count() as f64;
+    let sum: f64 = signed_distances.iter().map(|distance| distance.max(0.0)).sum();
+    (beyond / count, sum / count)
+}
+
+/// Signed distances of vertices to a capture, positive outside, from a closest field.
+pub(super) fn signed_distances(field: &ClosestField, vertices: &[DVec3]) -> Vec<f64> {
+    field
+        .points
+        .iter()
+        .zip(vertices)
+        .map(|(point, vertex)| {
+            let distance = point.distance_squared.sqrt();
+            if (*vertex - point.position).dot(point.normal) > 0.0 { distance } else { -distance }
+        })
+        .collect()
+}
