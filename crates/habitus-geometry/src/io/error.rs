@@ -63,6 +63,8 @@ pub enum Place {
     Line(usize),
     /// An offset in bytes from the start.
     Byte(usize),
+    /// An object in a list of a glTF description, such as `accessors[3]`.
+    Object(&'static str, usize),
 }
 
 impl fmt::Display for Place {
@@ -70,6 +72,7 @@ impl fmt::Display for Place {
         match self {
             Self::Line(line) => write!(formatter, "line {line}"),
             Self::Byte(byte) => write!(formatter, "byte {byte}"),
+            Self::Object(list, index) => write!(formatter, "{list}[{index}]"),
         }
     }
 }

@@ -2,9 +2,17 @@
 
 mod content;
 mod error;
+pub mod glb;
+mod glb_read;
+mod glb_write;
+mod obj;
+mod off;
 mod ply_header;
 mod ply_read;
 mod ply_write;
+mod stl;
+mod text;
+mod write;
 
 use std::fmt;
 use std::path::Path;
@@ -13,13 +21,24 @@ use crate::mesh::{PointCloud, Surface, TriangleMesh};
 use content::Content;
 
 pub use error::{ContentError, Place, Problem, ReadError, WriteError};
+pub use glb_write::{MeshToGlb, glb_bytes};
+pub use obj::obj_text;
 pub use ply_write::{PlyContent, ply_bytes};
+pub use write::{write_cloud, write_mesh, write_ply_with_colors, write_whole};
 
 /// A file format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     /// Stanford polygons: ascii, little-endian or big-endian.
     Ply,
+    /// Wavefront objects.
+    Obj,
+    /// Stereolithography: ascii or binary.
+    Stl,
+    /// Geomview's object file format, as text.
+    Off,
+    /// glTF 2.0 in its binary container.
+    Glb,
 }
 
 impl Format {
@@ -27,13 +46,26 @@ impl Format {
     pub fn of_path(path: &Path) -> Option<Self> {
         match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
             "ply" => Some(Self::Ply),
+            "obj" => Some(Self::Obj),
+            "stl" => Some(Self::Stl),
+            "off" => Some(Self::Off),
+            "glb" => Some(Self::Glb),
             _ => None,
         }
     }
 
     /// The format that the first bytes suggest.
     pub(crate) fn sniff(bytes: &[u8]) -> Option<Self> {
-        bytes.starts_with(b"ply").then_some(Self::Ply)
+        let is_off = bytes.starts_with(b"OFF") || bytes.get(1..4) == Some(b"OFF");
+        let starts: [(&[u8], Self); 5] = [
+            (b"ply\n", Self::Ply),
+            (b"ply\r", Self::Ply),
+            (b"glTF", Self::Glb),
+            (b"solid ", Self::Stl),
+            (b"v ", Self::Obj),
+        ];
+        let found = starts.iter().find(|(start, _)| bytes.starts_with(start)).map(|(_, format)| *format);
+        found.or(is_off.then_some(Self::Off))
     }
 }
 
@@ -41,6 +73,10 @@ impl fmt::Display for Format {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(match self {
             Self::Ply => "PLY",
+            Self::Obj => "OBJ",
+            Self::Stl => "STL",
+            Self::Off => "OFF",
+            Self::Glb => "GLB",
         })
     }
 }
@@ -105,6 +141,10 @@ pub fn read_surface_bytes(
 ) -> Result<(Surface, ReadReport), ReadError> {
     let content = match format {
         Format::Ply => ply_read::read(bytes),
+        Format::Obj => obj::read(bytes),
+        Format::Stl => stl::read(bytes),
+        Format::Off => off::read(bytes),
+        Format::Glb => glb_read::read(bytes),
     }
     .map_err(|fault| ReadError::Malformed {
         path: name.to_owned(),
@@ -120,40 +160,4 @@ pub fn read_surface_bytes(
     }
     .map_err(|source| ReadError::Surface { path: name.to_owned(), source })?;
     Ok((surface, report))
-}
-
-/// Writes a mesh in the format that the extension names.
-pub fn write_mesh(path: &Path, mesh: &TriangleMesh) -> Result<(), WriteError> {
-    let bytes = match Format::of_path(path) {
-        Some(Format::Ply) => ply_bytes(PlyContent {
-            positions: mesh.positions(),
-            faces: mesh.faces(),
-            ..PlyContent::default()
-        }),
-        None => return Err(WriteError::UnknownFormat { path: path.to_owned() }),
-    };
-    write_content(path, bytes)
-}
-
-/// Writes a PLY mesh with one colour (red, green, blue) per vertex.
-pub fn write_ply_with_colors(path: &Path, mesh: &TriangleMesh, colors: &[[u8; 3]]) -> Result<(), WriteError> {
-    let content = PlyContent {
-        positions: mesh.positions(),
-        faces: mesh.faces(),
-        colors: Some(colors),
-        ..PlyContent::default()
-    };
-    write_content(path, ply_bytes(content))
-}
-
-/// Writes a PLY point cloud with its normals.
-pub fn write_cloud(path: &Path, cloud: &PointCloud) -> Result<(), WriteError> {
-    let content =
-        PlyContent { positions: cloud.positions(), normals: cloud.normals(), ..PlyContent::default() };
-    write_content(path, ply_bytes(content))
-}
-
-fn write_content(path: &Path, bytes: Result<Vec<u8>, ContentError>) -> Result<(), WriteError> {
-    let bytes = bytes.map_err(|source| WriteError::Content { path: path.to_owned(), source })?;
-    ply_write::write_whole(path, &bytes).map_err(|source| WriteError::Io { path: path.to_owned(), source })
 }

@@ -1,7 +1,5 @@
 //! Writes PLY in little-endian binary; doubles, so that reading gives the same positions back.
 
-use std::io::Write;
-
 use glam::DVec3;
 
 use super::error::ContentError;
@@ -69,14 +67,4 @@ fn push_vector(bytes: &mut Vec<u8>, vector: DVec3) {
     for coordinate in vector.to_array() {
         bytes.extend_from_slice(&coordinate.to_le_bytes());
     }
-}
-
-/// Writes bytes beside the file and then renames them, so that a file is either whole or not there.
-pub(super) fn write_whole(path: &std::path::Path, bytes: &[u8]) -> std::io::Result<()> {
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".part");
-    let mut file = std::fs::File::create(&beside)?;
-    file.write_all(bytes)?;
-    drop(file);
-    std::fs::rename(&beside, path)
 }
