@@ -1,1 +1,4 @@
-//! stages
+//! Recipes: each stage takes and gives artifacts, has its own config and error, and knows no other stage.
+
+pub mod fit_sequence;
+pub mod measure;
