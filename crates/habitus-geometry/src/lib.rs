@@ -1,5 +1,8 @@
 //! Meshes, point clouds and queries on them; knows no body.
 
+pub mod cleaning;
+pub mod cloud_normals;
+pub mod frame_of_reference;
 pub mod io;
 pub mod mesh;
 pub mod normals;
@@ -12,6 +15,11 @@ pub mod weld;
 
 pub use glam;
 
+pub use cleaning::{ComponentReport, FloorReport, drop_floor_plane, remove_small_components};
+pub use cloud_normals::estimate_cloud_normals;
+pub use frame_of_reference::{
+    FrameOfReference, LengthUnit, SignedAxis, UnitGuess, UpCandidate, guess_unit, guess_up_axis,
+};
 pub use mesh::{MeshError, PointCloud, Surface, TriangleMesh};
 pub use normals::{face_normals, vertex_normals, vertex_normals_into};
 pub use rigid::{RigidTransform, procrustes};

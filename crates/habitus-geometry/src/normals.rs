@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+pub use crate::cloud_normals::estimate_cloud_normals;
+
 /// Unit normals of the faces; zero where a face has no area.
 pub fn face_normals(positions: &[DVec3], faces: &[[u32; 3]]) -> Vec<DVec3> {
     faces.iter().map(|face| doubled_area_vector(positions, *face).normalize_or_zero()).collect()

@@ -1,6 +1,5 @@
 //! Reads OFF (Geomview), with normals (`NOFF`) and colours (`COFF`), as text.
 
-
 use super::Format;
 use super::content::Content;
 use super::error::{Fault, Place, Problem, shortened};

@@ -65,42 +65,41 @@ impl Query {
         }
     }
 
-    /// The nearest primitive no farther than `bound` (squared); of equals the lowest. A hint only makes it faster.
-    pub fn nearest<P: Packet>(
-        &self,
-        nodes: &[Node],
-        order: &[u32],
-        packets: &[P],
-        primitives: &[P::Primitive],
-        bound: f64,
-        hint: Option<u32>,
-    ) -> Option<u32> {
-        let mut best = Best { bound, primitive: hint.unwrap_or(u32::MAX), cutoff: 0.0 };
-        if let Some(hint) = hint {
-            best.bound = P::distance_squared(self.point, &primitives[hint as usize]);
-        }
-        best.cutoff = self.cutoff(best.bound);
-
+    /// Offers primitives to a collector, near ones first, until no other can be as near as its bound.
+    pub fn collect<P: Packet>(&self, tree: Tree<'_, P>, collector: &mut impl Collector) {
+        let mut cutoff = self.cutoff(collector.bound());
         let mut stack = [(0.0f32, 0u32); STACK];
         let mut waiting = 1;
         while waiting > 0 {
             waiting -= 1;
             let (distance_squared, code) = stack[waiting];
-            if distance_squared > best.cutoff {
+            if distance_squared > cutoff {
                 continue;
             }
             match Child::of(code) {
                 Child::Node(node) => {
-                    waiting = self.push_children(&nodes[node as usize], best.cutoff, &mut stack, waiting);
+                    waiting = self.push_children(&tree.nodes[node as usize], cutoff, &mut stack, waiting);
                 }
                 Child::Packet(packet) => {
                     let packet = packet as usize;
-                    let bounds = packets[packet].bounds(self.lanes, self.slack);
-                    self.test_lanes::<P>(bounds, &order[packet * LANES..], primitives, &mut best);
+                    let bounds = tree.packets[packet].bounds(self.lanes, self.slack);
+                    let mut untested = !bounds.cmpgt(Vec4::splat(cutoff)).bitmask() & 0xF;
+                    let bounds = bounds.to_array();
+                    while untested != 0 {
+                        let lane = untested.trailing_zeros() as usize & (LANES - 1);
+                        untested &= untested - 1;
+                        if bounds[lane] > cutoff {
+                            continue;
+                        }
+                        let primitive = tree.order[packet * LANES + lane];
+                        let exact = P::distance_squared(self.point, &tree.primitives[primitive as usize]);
+                        if collector.offer(exact, primitive) {
+                            cutoff = self.cutoff(collector.bound());
+                        }
+                    }
                 }
             }
         }
-        (best.primitive != u32::MAX).then_some(best.primitive)
     }
 
     /// Puts the children within reach on the stack, nearest on top.
@@ -133,33 +132,6 @@ impl Query {
         waiting
     }
 
-    #[inline(always)]
-    fn test_lanes<P: Packet>(
-        &self,
-        bounds: Vec4,
-        order: &[u32],
-        primitives: &[P::Primitive],
-        best: &mut Best,
-    ) {
-        let mut untested = !bounds.cmpgt(Vec4::splat(best.cutoff)).bitmask() & 0xF;
-        let bounds = bounds.to_array();
-        while untested != 0 {
-            let lane = untested.trailing_zeros() as usize & (LANES - 1);
-            untested &= untested - 1;
-            if bounds[lane] > best.cutoff {
-                continue;
-            }
-            let primitive = order[lane];
-            let distance_squared = P::distance_squared(self.point, &primitives[primitive as usize]);
-            if distance_squared < best.bound || (distance_squared == best.bound && primitive < best.primitive)
-            {
-                best.bound = distance_squared;
-                best.primitive = primitive;
-                best.cutoff = self.cutoff(distance_squared);
-            }
-        }
-    }
-
     /// The f32 squared distance beyond which nothing can be as near as `distance_squared`.
     #[inline(always)]
     fn cutoff(&self, distance_squared: f64) -> f32 {
@@ -168,9 +140,70 @@ impl Query {
     }
 }
 
-/// The nearest primitive so far.
-struct Best {
-    bound: f64,
-    primitive: u32,
-    cutoff: f32,
+/// What is searched: the tree, its packets and the exact primitives behind them.
+pub(super) struct Tree<'a, P: Packet> {
+    pub nodes: &'a [Node],
+    /// The primitive of each lane of each packet.
+    pub order: &'a [u32],
+    pub packets: &'a [P],
+    pub primitives: &'a [P::Primitive],
+}
+
+/// Keeps of the primitives that it is offered those that answer a question.
+pub(super) trait Collector {
+    /// The squared distance beyond which nothing is wanted.
+    fn bound(&self) -> f64;
+    /// Takes a primitive with its squared distance; true where that changed the bound.
+    fn offer(&mut self, distance_squared: f64, primitive: u32) -> bool;
+}
+
+/// The nearest primitive so far; of equals the lowest, so that the answer does not hang on the order of search.
+pub(super) struct Nearest {
+    pub distance_squared: f64,
+    pub primitive: Option<u32>,
+}
+
+impl Collector for Nearest {
+    #[inline(always)]
+    fn bound(&self) -> f64 {
+        self.distance_squared
+    }
+
+    #[inline(always)]
+    fn offer(&mut self, distance_squared: f64, primitive: u32) -> bool {
+        let is_nearer = distance_squared < self.distance_squared
+            || (distance_squared == self.distance_squared
+                && self.primitive.is_none_or(|best| primitive < best));
+        if is_nearer {
+            *self = Self { distance_squared, primitive: Some(primitive) };
+        }
+        is_nearer
+    }
+}
+
+/// The nearest few primitives, in ascending order.
+pub(super) struct NearestFew<'a> {
+    pub wanted: usize,
+    pub found: &'a mut Vec<(f64, u32)>,
+}
+
+impl Collector for NearestFew<'_> {
+    fn bound(&self) -> f64 {
+        if self.found.len() < self.wanted {
+            return f64::INFINITY;
+        }
+        self.found.last().map_or(f64::NEG_INFINITY, |(distance_squared, _)| *distance_squared)
+    }
+
+    fn offer(&mut self, distance_squared: f64, primitive: u32) -> bool {
+        let entry = (distance_squared, primitive);
+        let place = self.found.partition_point(|other| *other < entry);
+        // The last packet repeats its last primitive to be full.
+        if self.found.get(place) == Some(&entry) || place >= self.wanted {
+            return false;
+        }
+        self.found.insert(place, entry);
+        self.found.truncate(self.wanted);
+        true
+    }
 }

@@ -13,7 +13,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::mesh::TriangleMesh;
-use closest::Query;
+use closest::{Collector, Nearest, NearestFew, Packet, Query, Tree};
 use packets::{LANES, Lanes, PointPacket, TrianglePacket};
 use pseudonormals::Pseudonormals;
 use tree::{Bounds, Node, nodes_over, packet_order};
@@ -163,17 +163,41 @@ impl SurfaceIndex {
         if (point - closest.position).dot(closest.normal) < 0.0 { -distance } else { distance }
     }
 
+    /// The nearest `count` points of a cloud (or faces of a mesh) with their squared distances, nearest first.
+    pub fn nearest_few(&self, point: DVec3, count: usize, found: &mut Vec<(f64, u32)>) {
+        found.clear();
+        if count > 0 {
+            self.collect(point, &mut NearestFew { wanted: count, found });
+        }
+    }
+
     fn find_closest(&self, point: DVec3, bound: f64, hint: Option<u32>) -> Option<SurfacePoint> {
+        let distance_squared = hint.map_or(bound, |hint| self.distance_squared_to(point, hint));
+        let mut nearest = Nearest { distance_squared, primitive: hint };
+        self.collect(point, &mut nearest);
+        nearest.primitive.map(|primitive| self.on_primitive(point, primitive))
+    }
+
+    fn collect(&self, point: DVec3, collector: &mut impl Collector) {
         let query = Query::new(point, &self.frame);
-        let nearest = match &self.primitives {
+        let (nodes, order) = (self.nodes.as_slice(), self.order.as_slice());
+        match &self.primitives {
             Primitives::Triangles { packets, corners, .. } => {
-                query.nearest(&self.nodes, &self.order, packets, corners, bound, hint)
+                query.collect(Tree { nodes, order, packets, primitives: corners }, collector);
             }
             Primitives::Points { packets, positions, .. } => {
-                query.nearest(&self.nodes, &self.order, packets, positions, bound, hint)
+                query.collect(Tree { nodes, order, packets, primitives: positions }, collector);
             }
-        };
-        nearest.map(|primitive| self.on_primitive(point, primitive))
+        }
+    }
+
+    fn distance_squared_to(&self, point: DVec3, primitive: u32) -> f64 {
+        match &self.primitives {
+            Primitives::Triangles { corners, .. } => {
+                TrianglePacket::distance_squared(point, &corners[primitive as usize])
+            }
+            Primitives::Points { positions, .. } => point.distance_squared(positions[primitive as usize]),
+        }
     }
 
     /// The closest point of one given face or cloud point.
