@@ -1,1 +1,22 @@
-//! pipeline
+//! Run folders: the only place that puts stages in order and files on disk.
+//!
+//! ```text
+//! captures ──input_key──▶ RunFolder/3_fit_sequence ──fit_sequence──▶ measure ──▶ files ──▶ Summary
+//! ```
+//! A stage whose inputs, settings and version are those of the files on disk is not done again; one that was killed
+//! goes on from its journal.
+
+mod input_key;
+mod run_folder;
+mod sequence_run;
+mod summary;
+mod user_landmarks;
+
+pub use input_key::InputKey;
+pub use run_folder::{RunFolder, RunFolderError, StageFolder, StageName};
+pub use sequence_run::{
+    MeasuredFit, RunError, SequenceInput, SequenceRun, file_names, measure_fit, measure_rest_body,
+    read_stored_fit,
+};
+pub use summary::{CodeSummary, MeasurementSummary, Seconds, Summary};
+pub use user_landmarks::{LandmarkFileError, read_user_landmarks};

@@ -1,0 +1,192 @@
+//! `fit_sequence` and `measure` in a run folder.
+//!
+//! The caller keeps the clock: it fits, fills in the seconds that it measured, and then writes.
+
+use std::path::{Path, PathBuf};
+
+use habitus_optimize::Observer;
+use thiserror::Error;
+
+use super::input_key::InputKey;
+use super::run_folder::{RunFolder, RunFolderError, StageFolder, StageName};
+use super::user_landmarks::LandmarkFileError;
+use crate::artifacts::frames::{FrameError, FrameSource};
+use crate::artifacts::measurements::{Measurement, write_measurements};
+use crate::artifacts::rigged_sequence::{Rig, RiggedSequence};
+use crate::artifacts::sequence_files::{FitFileError, read_fit, write_fit, write_landmarks};
+use crate::body::{BodyModel, ModelFileError};
+use crate::stages::fit_sequence::{FitSequenceConfig, FitSequenceError, UserLandmark, fit_sequence};
+use crate::stages::measure::{Definitions, DefinitionsError, MeasureError, measure, measure_identity};
+
+/// Why a run fails.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// The run folder cannot be used.
+    #[error(transparent)]
+    Folder(#[from] RunFolderError),
+    /// The captures cannot be read.
+    #[error(transparent)]
+    Frames(#[from] FrameError),
+    /// The user's landmarks cannot be used.
+    #[error(transparent)]
+    Landmarks(#[from] LandmarkFileError),
+    /// The model cannot be used.
+    #[error(transparent)]
+    Model(#[from] ModelFileError),
+    /// Fitting failed.
+    #[error(transparent)]
+    Fit(#[from] FitSequenceError),
+    /// A result cannot be written or read.
+    #[error(transparent)]
+    Files(#[from] FitFileError),
+    /// The definitions of measurements are broken.
+    #[error(transparent)]
+    Definitions(#[from] DefinitionsError),
+    /// The body cannot be measured.
+    #[error(transparent)]
+    Measure(#[from] MeasureError),
+    /// There is no fit in the folder.
+    #[error("{}: holds no finished fit (no {}); run habitus fit-sequence with -o {} first", path.display(), missing.display(), path.display())]
+    NoFit {
+        /// The run folder.
+        path: PathBuf,
+        /// The file that is missing.
+        missing: PathBuf,
+    },
+}
+
+/// Names of the files of the stage.
+pub mod file_names {
+    /// Identity, poses, rest body, landmarks and codes.
+    pub const FIT: &str = "fit.npz";
+    /// Skinned animation.
+    pub const ANIMATION: &str = "body.glb";
+    /// Landmarks of each frame.
+    pub const LANDMARKS: &str = "landmarks.csv";
+    /// Measurements of the body.
+    pub const MEASUREMENTS: &str = "measurements.csv";
+    /// Inputs, settings and versions.
+    pub const PROVENANCE: &str = "provenance.toml";
+    /// Finished frames of a running fit.
+    pub const JOURNAL: &str = "frames.journal";
+}
+
+/// All that a fit depends on.
+pub struct SequenceInput<'a> {
+    /// Files of the captures, for the key.
+    pub files: &'a [PathBuf],
+    /// The captures.
+    pub source: &'a dyn FrameSource,
+    /// The body model.
+    pub model: &'a BodyModel,
+    /// Settings of the stage.
+    pub config: &'a FitSequenceConfig,
+    /// Landmarks that the user gives.
+    pub landmarks: &'a [UserLandmark],
+}
+
+/// A fit and what was measured on its body.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeasuredFit {
+    /// Identity and poses.
+    pub fit: RiggedSequence,
+    /// Measurements with their curves.
+    pub measurements: Vec<Measurement>,
+}
+
+/// The stage in its run folder.
+pub struct SequenceRun<'a> {
+    input: SequenceInput<'a>,
+    stage: StageFolder,
+    key: String,
+}
+
+impl<'a> SequenceRun<'a> {
+    /// Reads the inputs once for their key.
+    pub fn prepare(run: &RunFolder, input: SequenceInput<'a>) -> Result<Self, RunError> {
+        let stage = run.stage(StageName::FitSequence)?;
+        let mut key = InputKey::new();
+        key.add_text(env!("CARGO_PKG_VERSION"));
+        key.add_text(&serde_json::to_string(input.config).unwrap_or_default());
+        key.add_text(&serde_json::to_string(input.landmarks).unwrap_or_default());
+        key.add_model(input.model);
+        key.add_files(input.files);
+        Ok(Self { input, stage, key: key.text() })
+    }
+
+    /// Whether the results in the folder are those of these inputs.
+    pub fn is_finished(&self) -> bool {
+        self.stage.is_finished(&self.key)
+    }
+
+    /// The key of the inputs.
+    pub fn key(&self) -> &str {
+        &self.key
+    }
+
+    /// Folder of the stage.
+    pub fn folder(&self) -> &Path {
+        self.stage.path()
+    }
+
+    /// Throws away what earlier runs have finished.
+    pub fn start_afresh(&self) -> Result<(), RunError> {
+        self.stage.mark_unfinished()?;
+        Ok(self.stage.remove(file_names::JOURNAL)?)
+    }
+
+    /// Fits, going on after the frames that an earlier, killed run has finished, and measures.
+    pub fn fit(&self, observer: &mut dyn Observer) -> Result<MeasuredFit, RunError> {
+        let input = &self.input;
+        self.stage.mark_unfinished()?;
+        let mut journal = self.stage.journal(file_names::JOURNAL, &self.key)?;
+        let sequence =
+            fit_sequence(input.source, input.model, input.config, input.landmarks, &mut journal, observer)?;
+        let measurements = measure_fit(input.model, &sequence.identity, Some(&sequence.identity_covariance))?;
+        Ok(MeasuredFit { fit: RiggedSequence { sequence, rig: Rig::of(input.model) }, measurements })
+    }
+
+    /// Writes the files of the stage; only then is it finished, and the journal no longer needed.
+    pub fn write(&self, result: &MeasuredFit) -> Result<(), RunError> {
+        let MeasuredFit { fit, measurements } = result;
+        write_fit(&self.stage.file(file_names::FIT), fit)?;
+        write_landmarks(&self.stage.file(file_names::LANDMARKS), fit)?;
+        let table = self.stage.file(file_names::MEASUREMENTS);
+        write_measurements(&table, measurements)
+            .map_err(|source| RunFolderError::Unusable { path: table, source })?;
+        self.stage.mark_finished(&self.key)?;
+        Ok(self.stage.remove(file_names::JOURNAL)?)
+    }
+}
+
+/// Takes all standard measurements that the model has the names for.
+pub fn measure_fit(
+    model: &BodyModel,
+    identity: &[f64],
+    covariance: Option<&nalgebra::DMatrix<f64>>,
+) -> Result<Vec<Measurement>, RunError> {
+    let (definitions, _) = Definitions::standard()?.available_in(model);
+    Ok(measure_identity(model, identity, covariance, &definitions)?)
+}
+
+/// Takes the same measurements of a rest body that need not lie in the model's space; vertices in metres.
+pub fn measure_rest_body(
+    model: &BodyModel,
+    rest_vertices: &[glam::DVec3],
+) -> Result<Vec<Measurement>, RunError> {
+    let (definitions, _) = Definitions::standard()?.available_in(model);
+    Ok(measure(model, rest_vertices, &definitions)?)
+}
+
+/// Reads the fit of a run folder, or a fit's own file.
+pub fn read_stored_fit(path: &Path) -> Result<RiggedSequence, RunError> {
+    if path.is_file() {
+        return Ok(read_fit(path)?);
+    }
+    let file = path.join(StageName::FitSequence.folder()).join(file_names::FIT);
+    if !file.is_file() {
+        let missing = Path::new(StageName::FitSequence.folder()).join(file_names::FIT);
+        return Err(RunError::NoFit { path: path.to_path_buf(), missing });
+    }
+    Ok(read_fit(&file)?)
+}
