@@ -368,3 +368,42 @@ fn unusable_definitions_are_refused_by_name() {
     let nameless = "version = 1\n[[measurement]]\ndefinition = \"d\"\nkind = \"volume\"\n";
     assert!(matches!(Definitions::from_toml(nameless), Err(DefinitionsError::NoText { key: "name" })));
 }
+
+#[test]
+fn the_standard_set_measures_the_default_space() {
+    let model = BodyModel::default_space().unwrap();
+    let standard = Definitions::standard().unwrap();
+    let identity = vec![0.0; model.component_count()];
+    let covariance = DMatrix::from_diagonal_element(identity.len(), identity.len(), 0.01);
+    let mean = measure_identity(&model, &identity, Some(&covariance), &standard).unwrap();
+    let stature = value(&mean, "stature");
+    for measurement in &mean {
+        let value_here = measurement.value;
+        assert!(value_here > 0.0 && measurement.plus_minus.is_some_and(|error| error > 0.0));
+        if let Some(name) = measurement.name.strip_prefix("left_") {
+            // The space is symmetric; its basis is stored in 16 bits.
+            let right = value(&mean, &format!("right_{name}"));
+            assert!((value_here - right).abs() < 1e-3, "{name}: left {value_here}, right {right}");
+        }
+        if measurement.quantity == Quantity::Length {
+            assert!(value_here <= stature, "{} is longer than the body", measurement.name);
+        }
+    }
+    // Order of girths and heights that holds for every adult, so a tape on the wrong part is noticed.
+    for (smaller, larger) in [
+        ("inseam", "shoulder_height"),
+        ("shoulder_height", "neck_base_height"),
+        ("left_wrist_girth", "left_forearm_girth"),
+        ("left_forearm_girth", "left_upper_arm_girth"),
+        ("left_ankle_girth", "left_calf_girth"),
+        ("left_calf_girth", "left_mid_thigh_girth"),
+        ("left_mid_thigh_girth", "left_thigh_girth"),
+        ("neck_girth", "head_girth"),
+        ("left_thigh_girth", "waist_girth"),
+        ("waist_girth", "hip_girth"),
+        ("waist_girth", "abdomen_girth"),
+        ("waist_girth", "chest_girth"),
+    ] {
+        assert!(value(&mean, smaller) < value(&mean, larger), "{smaller} must be less than {larger}");
+    }
+}
