@@ -103,7 +103,7 @@ pub fn drop_floor_plane(surface: &Surface, up: SignedAxis) -> Option<(Surface, F
     let heights: Vec<f64> = positions.iter().map(|position| position.dot(up.vector())).collect();
     let lowest = heights.iter().copied().fold(f64::INFINITY, f64::min);
     let whole = heights.iter().copied().fold(f64::NEG_INFINITY, f64::max) - lowest;
-    if !(whole > 0.0) {
+    if whole <= 0.0 {
         return None;
     }
     let mut layers = vec![0usize; (floor::SEARCHED / floor::LAYER).ceil() as usize];

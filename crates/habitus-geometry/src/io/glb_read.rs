@@ -299,7 +299,7 @@ fn component_size(component_type: u32) -> usize {
 fn triangles(mode: usize, indices: &[u32], mesh: usize) -> Result<Vec<[u32; 3]>, Fault> {
     Ok(match mode {
         0 => Vec::new(),
-        4 if indices.len() % 3 != 0 => {
+        4 if !indices.len().is_multiple_of(3) => {
             let problem = Problem::EndsEarly {
                 element: "triangle".to_owned(),
                 index: indices.len() / 3,

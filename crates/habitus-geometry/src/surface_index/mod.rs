@@ -252,7 +252,7 @@ impl UnitFrame {
 }
 
 fn padded(mut order: Vec<u32>) -> Vec<u32> {
-    while order.len() % LANES != 0 {
+    while !order.len().is_multiple_of(LANES) {
         order.push(order[order.len() - 1]);
     }
     order
