@@ -64,7 +64,7 @@ class OrbitCamera {
 
   distance() {
     const aspect = this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
-    return (this.radius / Math.sin(OPENING / 2) / this.zoom) * Math.max(1, 0.62 / aspect);
+    return (this.radius / Math.sin(OPENING / 2) / this.zoom) * Math.max(1, 0.8 / aspect);
   }
 
   /** View and projection for a target that may move with the person. */

@@ -29,7 +29,7 @@ class Stage {
     this.floor = Math.min(...lows);
     const heights = captured.map((view) => view.captureLow[1] + view.captureSize[1] - this.floor);
     this.height = Math.max(1.2, ...heights);
-    this.camera = new OrbitCamera(this.canvas, this.height * 0.56, () => this.request());
+    this.camera = new OrbitCamera(this.canvas, this.height * 0.6, () => this.request());
     this.home = this.root(first);
     this.camera.yaw = this.facing(first) + 0.45;
     new ResizeObserver(() => this.resize()).observe(this.canvas);
@@ -165,6 +165,8 @@ const update = () => {
   element("scrubber").value = state.view;
   const [shown, frame] = [report.views[state.view].frame, report.frames[state.frame]];
   element("frame-label").textContent = `${state.frame + 1} / ${report.frames.length}` + (shown === state.frame ? "" : ` (3D: ${shown + 1})`);
+  element("frame-codes").replaceChildren(...frame.codes.map((code) => Object.assign(document.createElement("span"), { textContent: code })));
+  element("frame-codes").className = `frame-codes ${frame.trust}`;
   element("scrubber").setAttribute("aria-valuetext", `frame ${state.frame + 1}, ${frame.name}, ${frame.codes.join(", ") || "no code"}`);
   stage.request();
 };
@@ -176,9 +178,10 @@ const updatePlot = (figure) => {
   const [left, right] = [figure.dataset.left * width, figure.dataset.right * width];
   const x = left + ((right - left) * state.frame) / Math.max(1, report.frames.length - 1);
   figure.querySelector(".cursor").setAttribute("transform", `translate(${x} 0)`);
-  const readings = plot.lines.map(({ label, values }) => `${label} ${short(values[state.frame])}`.trim());
-  figure.querySelector(".plot-readout").textContent = `${readings.join(" · ")} ${plot.unit}`.trim();
-  const value = plot.lines[0].values[state.frame];
+  const [reading, ...range] = plot.lines.map((values) => short(values[state.frame]));
+  const spread = range.length ? ` (${range.join(" to ")})` : "";
+  figure.querySelector(".plot-readout").textContent = `${reading}${spread} ${plot.unit}`.trim();
+  const value = plot.lines[0][state.frame];
   const dot = figure.querySelector(".cursor-dot");
   dot.toggleAttribute("hidden", value === null);
   if (value !== null) {
@@ -287,8 +290,8 @@ const drawLegend = () => {
     bar.fillStyle = `rgb(${color.join(" ")})`;
     bar.fillRect((i * 256) / report.heatColors.length, 0, 2, 1);
   });
-  element("legend-low").textContent = short(low);
-  element("legend-high").textContent = short(high);
+  element("legend-low").textContent = `−${Math.round(-low)}`;
+  element("legend-high").textContent = Math.round(high);
   element("legend-zero").style.left = `${(100 * -low) / (high - low)}%`;
 };
 

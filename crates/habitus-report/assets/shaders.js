@@ -6,9 +6,9 @@ vec3 toScreen(vec3 c) { return pow(clamp(c, 0.0, 1.0), vec3(1.0 / 2.2)); }
 vec3 lit(vec3 albedo, vec3 normal, vec3 towardEye, vec3 up) {
   vec3 key = normalize(vec3(-0.65, 0.75, 0.75));
   vec3 fill = normalize(vec3(0.9, 0.1, 0.6));
-  float keyLight = 0.72 * pow(max((dot(normal, key) + 0.15) / 1.15, 0.0), 1.2);
-  float fillLight = 0.22 * max((dot(normal, fill) + 0.4) / 1.4, 0.0);
-  float sky = 0.20 + 0.12 * dot(normal, up);
+  float keyLight = 0.84 * pow(max((dot(normal, key) + 0.15) / 1.15, 0.0), 1.2);
+  float fillLight = 0.26 * max((dot(normal, fill) + 0.4) / 1.4, 0.0);
+  float sky = 0.23 + 0.12 * dot(normal, up);
   float gloss = 0.06 * pow(max(dot(normal, normalize(key + towardEye)), 0.0), 24.0);
   return toLinear(albedo) * (keyLight + fillLight + sky) + vec3(gloss);
 }`;

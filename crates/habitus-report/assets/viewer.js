@@ -155,7 +155,8 @@ class Renderer {
   drawCapture(common, { colors, layers }) {
     const gl = this.gl;
     const isCloud = this.captureMesh.count === 0 ? 1 : 0;
-    const [faceOn, edgeOn] = layers.body ? colors.captureOpacity : [1, 1];
+    const veil = layers.heat ? colors.captureOpacity.map((opacity) => opacity * 0.5) : colors.captureOpacity;
+    const [faceOn, edgeOn] = layers.body ? veil : [1, 1];
     this.use("capture", { ...common, color: colors.capture, faceOn: isCloud ? 0.8 : faceOn, edgeOn, isCloud });
     // Depth first, colour second: only the nearest sheet of the capture is blended.
     gl.colorMask(false, false, false, false);

@@ -150,7 +150,7 @@ fn person_scene() -> Scene {
 
 fn person_picture(yaw: f64) -> Image {
     let scene = person_scene();
-    let camera = Camera::framing(scene.bounds(), View::from_degrees(yaw, 12.0), 0.6);
+    let camera = scene.camera(View::from_degrees(yaw, 12.0), 0.6);
     render(&scene, &camera, 300, 500).expect("picture")
 }
 
@@ -171,6 +171,14 @@ fn framing_shows_the_whole_box_and_fills_the_picture() {
         let scene = Scene { layers: vec![layer.clone()], ..unlit() };
         let camera = Camera::framing(scene.bounds(), view, 1.0);
         let image = render(&scene, &camera, 200, 200).expect("picture");
+        let exact = render(&scene, &scene.camera(view, 1.0), 200, 200).expect("picture");
+        // The disc touches the 4 % margin: 92 % of the side across.
+        let expected = PI * (0.46f64 * 200.0).powi(2);
+        assert!(
+            (covered_pixels(&exact) / expected - 1.0).abs() < 0.02,
+            "{}",
+            covered_pixels(&exact) / expected
+        );
         let border = (0..200).flat_map(|i| [(i, 0), (i, 199), (0, i), (199, i)]);
         assert!(border.into_iter().all(|(x, y)| image.pixel(x, y) == Some([0, 0, 0])));
         // The box of a sphere seen from a corner is √3 wide at most, so the disc fills at least a third of each side.

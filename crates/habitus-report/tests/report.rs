@@ -148,7 +148,7 @@ fn values_that_are_not_finite_leave_gaps_and_dashes() {
     let html = default_page(&data);
     let visible = between(&html, "</style>", "<script");
     assert!(!visible.contains("NaN") && !visible.contains("inf"), "numbers that a reader cannot read");
-    assert!(page_data(&html)["plots"][0]["lines"][0]["values"][2].is_null());
+    assert!(page_data(&html)["plots"][0]["lines"][0][2].is_null());
 }
 
 #[test]

@@ -111,34 +111,38 @@ const MARGIN: f64 = 0.04;
 impl Camera {
     /// The camera of a view that just sees the whole box in a picture of this width/height ratio.
     pub fn framing(bounds: Bounds, view: View, aspect: f64) -> Self {
+        Self::framing_points(&bounds.corners(), view, aspect)
+    }
+
+    /// The camera of a view that just sees all finite points in a picture of this width/height ratio.
+    pub fn framing_points(points: &[DVec3], view: View, aspect: f64) -> Self {
         let up = view.up.normalize_or(DVec3::Y);
         let front = view.front.reject_from_normalized(up).normalize_or(up.any_orthonormal_vector());
         let side = up.cross(front);
         let around = front * view.yaw.cos() + side * view.yaw.sin();
-        let toward_eye = around * view.pitch.cos() + up * view.pitch.sin();
-        let target = bounds.center();
-        let placed = Self {
-            eye: target + toward_eye,
-            target,
-            up,
-            projection: Projection::Orthographic { visible_height: 1.0 },
-        };
+        let backwards = around * view.pitch.cos() + up * view.pitch.sin();
+        let any_projection = Projection::Orthographic { visible_height: 1.0 };
+        let placed = Self { eye: backwards, target: DVec3::ZERO, up, projection: any_projection };
         let axes = placed.axes();
+        // The middle of what is seen along each direction of the picture, not of the box in space.
+        let finite = points.iter().filter(|point| point.is_finite());
+        let seen = Bounds::around(finite.clone().map(|point| DVec3::from(axes.map(|axis| axis.dot(*point)))));
+        let [right, upwards, toward_eye] = axes;
+        let target = seen.center().x * right + seen.center().y * upwards + seen.center().z * toward_eye;
+        let offsets = finite.map(|point| axes.map(|axis| axis.dot(*point - target)));
         let room = 1.0 - 2.0 * MARGIN;
-        let offsets = bounds.corners().map(|corner| axes.map(|axis| axis.dot(corner - target)));
         if view.vertical_angle <= 0.0 {
-            let needed = offsets.iter().map(|[x, y, _]| (y.abs() * 2.0).max(x.abs() * 2.0 / aspect));
+            let needed = offsets.map(|[x, y, _]| (y.abs() * 2.0).max(x.abs() * 2.0 / aspect));
             let visible_height = needed.fold(1e-6, f64::max) / room;
-            let depth = offsets.iter().map(|[_, _, z]| z.abs()).fold(0.0, f64::max);
-            let eye = target + toward_eye * (2.0 * depth + 1.0);
-            return Self { eye, projection: Projection::Orthographic { visible_height }, ..placed };
+            let eye = target + toward_eye * (seen.high.z - seen.low.z + 1.0);
+            return Self { eye, target, up, projection: Projection::Orthographic { visible_height } };
         }
         let half = (0.5 * view.vertical_angle).tan() * room;
-        // A corner at depth z towards the eye fits when the eye is at least this far from the target.
-        let needed = offsets.iter().map(|[x, y, z]| z + (y.abs() / half).max(x.abs() / (half * aspect)));
+        // A point at depth z towards the eye fits when the eye is at least this far from the target.
+        let needed = offsets.map(|[x, y, z]| z + (y.abs() / half).max(x.abs() / (half * aspect)));
         let distance = needed.fold(1e-3, f64::max);
         let projection = Projection::Perspective { vertical_angle: view.vertical_angle };
-        Self { eye: target + toward_eye * distance, projection, ..placed }
+        Self { eye: target + toward_eye * distance, target, up, projection }
     }
 
     /// Unit vectors to the right, up and backwards (towards the eye) in space.

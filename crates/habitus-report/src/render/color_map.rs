@@ -35,8 +35,8 @@ pub struct ColorScale {
 }
 
 impl ColorScale {
-    /// The scale for clearance between body and clothing: 20 mm outside to 80 mm inside.
-    pub const CLEARANCE: Self = Self { low_mm: -20.0, high_mm: 80.0 };
+    /// The scale for clearance between body and clothing: 20 mm outside to 60 mm inside.
+    pub const CLEARANCE: Self = Self { low_mm: -20.0, high_mm: 60.0 };
 
     /// Colour of a value in mm; a value that is not finite is a mid grey.
     pub fn color(&self, value_mm: f64) -> Color {

@@ -1,6 +1,7 @@
 //! Triangles to pixels: a visibility buffer in bands of rows, then one shading of every sample.
 
 use glam::DVec3;
+use habitus::geometry::vertex_normals_into;
 use rayon::prelude::*;
 
 use super::camera::Projector;
@@ -115,23 +116,13 @@ fn prepare<'a>(layer: &'a Layer, projector: &Projector, columns: usize, rows: us
             band.push(number as u32);
         }
     }
-    Prepared { layer, screen, normals: vertex_normals(layer), bands }
+    let mut normals = Vec::new();
+    vertex_normals_into(&layer.positions, &layer.faces, &mut normals);
+    Prepared { layer, screen, normals, bands }
 }
 
 fn range(values: [f64; 3]) -> [f64; 2] {
     [values[0].min(values[1]).min(values[2]), values[0].max(values[1]).max(values[2])]
-}
-
-fn vertex_normals(layer: &Layer) -> Vec<DVec3> {
-    let mut normals = vec![DVec3::ZERO; layer.positions.len()];
-    for face in &layer.faces {
-        let [a, b, c] = face.map(|vertex| layer.positions[vertex as usize]);
-        let normal = (b - a).cross(c - a);
-        for &vertex in face {
-            normals[vertex as usize] += normal;
-        }
-    }
-    normals.iter().map(|normal| normal.normalize_or_zero()).collect()
 }
 
 impl Picture<'_> {

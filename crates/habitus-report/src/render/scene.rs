@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{Bounds, Color};
+use super::{Bounds, Camera, Color, View};
 
 /// The colour of a layer.
 #[derive(Debug, Clone)]
@@ -120,11 +120,20 @@ impl Default for Scene {
 }
 
 impl Scene {
+    /// The camera of a view that just sees everything in a picture of this width/height ratio.
+    pub fn camera(&self, view: View, aspect: f64) -> Camera {
+        Camera::framing_points(&self.points().collect::<Vec<_>>(), view, aspect)
+    }
+
     /// The box around all finite vertices, curve corners and dots; a unit box when there is nothing.
     pub fn bounds(&self) -> Bounds {
+        Bounds::around(self.points())
+    }
+
+    fn points(&self) -> impl Iterator<Item = DVec3> + '_ {
         let layers = self.layers.iter().flat_map(|layer| layer.positions.iter().copied());
         let curves = self.curves.iter().flat_map(|curve| curve.points.iter().copied());
         let dots = self.dots.iter().map(|dot| dot.position);
-        Bounds::around(layers.chain(curves).chain(dots))
+        layers.chain(curves).chain(dots)
     }
 }

@@ -23,9 +23,9 @@ impl Studio {
     pub(crate) fn shade(&self, albedo: Color, normal: DVec3, toward_eye: DVec3) -> Color {
         // Wrapped cosine: the terminator fades softly, as under large lamps.
         let wrapped = |lamp: DVec3, wrap: f64| ((normal.dot(lamp) + wrap) / (1.0 + wrap)).max(0.0);
-        let key = 0.72 * wrapped(self.key, 0.15).powf(1.2);
-        let fill = 0.22 * wrapped(self.fill, 0.4);
-        let sky = 0.20 + 0.12 * normal.dot(self.up);
+        let key = 0.84 * wrapped(self.key, 0.15).powf(1.2);
+        let fill = 0.26 * wrapped(self.fill, 0.4);
+        let sky = 0.23 + 0.12 * normal.dot(self.up);
         let halfway = (self.key + toward_eye).normalize_or(normal);
         let gloss = 0.06 * normal.dot(halfway).max(0.0).powi(24);
         let white = Color { red: 1.0, green: 1.0, blue: 1.0 };

@@ -229,9 +229,9 @@ impl Default for ReportOptions {
     fn default() -> Self {
         Self {
             size_limit: 12_000_000,
-            capture_vertex_limit: 12_000,
+            capture_vertex_limit: 8_000,
             capture_vertex_floor: 3_000,
-            clearance_range_mm: [-20.0, 80.0],
+            clearance_range_mm: [-20.0, 60.0],
         }
     }
 }

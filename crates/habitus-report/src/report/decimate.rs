@@ -16,42 +16,40 @@ pub(crate) fn decimated(capture: &CaptureView, vertex_limit: usize) -> CaptureVi
         return capture.clone();
     }
     let finite = capture.positions.iter().filter(|position| position.is_finite());
-    let (low, high) = finite.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), position| {
+    let (low, high) = finite.clone().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), position| {
         (low.min(*position), high.max(*position))
     });
     let size = (high - low).max_element();
     if !size.is_finite() || vertex_limit == 0 {
         return CaptureView::default();
     }
-    // Cells from a thousandth of the capture (too many) to all of it (one vertex).
+    // Cells from a thousandth of the capture (too many) to twice its size (one vertex).
     let [mut fine, mut coarse] = [size.max(1e-9) * 1e-3, size.max(1e-9) * 2.0];
-    let mut best = clustered(capture, low, coarse);
+    let mut keys = Vec::with_capacity(capture.positions.len());
     for _ in 0..SEARCH_STEPS {
         let middle = (fine * coarse).sqrt();
-        if cell_count(capture, low, middle) <= vertex_limit {
+        keys.clear();
+        keys.extend(finite.clone().map(|position| cell_of(*position, low, middle)));
+        keys.sort_unstable();
+        keys.dedup();
+        if keys.len() <= vertex_limit {
             coarse = middle;
         } else {
             fine = middle;
         }
     }
-    if cell_count(capture, low, coarse) <= vertex_limit {
-        best = clustered(capture, low, coarse);
-    }
-    best
+    clustered(capture, low, coarse)
 }
 
-fn cell_of(position: DVec3, low: DVec3, cell: f64) -> [i32; 3] {
-    ((position - low) / cell).floor().as_ivec3().to_array()
-}
-
-fn cell_count(capture: &CaptureView, low: DVec3, cell: f64) -> usize {
-    let finite = capture.positions.iter().filter(|position| position.is_finite());
-    finite.map(|position| cell_of(*position, low, cell)).collect::<HashSet<_>>().len()
+/// Number of a position's cell: 21 bits an axis, far more than the finest grid has.
+fn cell_of(position: DVec3, low: DVec3, cell: f64) -> u64 {
+    let [x, y, z] = ((position - low) / cell).to_array().map(|steps| (steps as u64) & 0x1f_ffff);
+    x | y << 21 | z << 42
 }
 
 /// One vertex a cell at the mean of its vertices, numbered by first appearance; faces that collapse or repeat go.
 fn clustered(capture: &CaptureView, low: DVec3, cell: f64) -> CaptureView {
-    let mut numbers: HashMap<[i32; 3], u32> = HashMap::new();
+    let mut numbers: HashMap<u64, u32> = HashMap::new();
     let mut sums: Vec<(DVec3, f64)> = Vec::new();
     let mut cluster_of = vec![u32::MAX; capture.positions.len()];
     for (cluster, position) in cluster_of.iter_mut().zip(&capture.positions) {

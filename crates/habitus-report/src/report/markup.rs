@@ -38,17 +38,6 @@ pub(crate) fn number(value: f64, decimals: usize) -> String {
     }
 }
 
-/// A number with about three meaningful digits, for plots and readouts.
-pub(crate) fn short_number(value: f64) -> String {
-    let magnitude = value.abs();
-    if magnitude > 0.0 && !(1e-3..1e6).contains(&magnitude) {
-        return format!("{value:.2e}").replace('-', "−");
-    }
-    let decimals =
-        [(100.0, 0), (10.0, 1), (1.0, 2)].iter().find(|(limit, _)| magnitude >= *limit).map_or(3, |f| f.1);
-    number(value, if magnitude == 0.0 { 0 } else { decimals })
-}
-
 /// Seconds as a person says them.
 pub(crate) fn duration(seconds: f64) -> String {
     if !seconds.is_finite() {
@@ -79,9 +68,6 @@ mod tests {
     fn numbers_read_well() {
         assert_eq!(number(-0.04, 1), "0.0");
         assert_eq!(number(-1.25, 1), "−1.2");
-        assert_eq!(short_number(1234.5), "1234");
-        assert_eq!(short_number(0.0), "0");
-        assert_eq!(short_number(2.5e-7), "2.50e−7");
         assert_eq!(duration(0.0123), "12 ms");
         assert_eq!(duration(725.0), "12 min 5 s");
     }

@@ -13,9 +13,9 @@ mod plan;
 mod plots;
 mod tables;
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use habitus::artifacts::write_atomically;
 use thiserror::Error;
 
 pub use data::{
@@ -72,14 +72,6 @@ pub enum ReportError {
 /// When the data contradict themselves or the file cannot be written.
 pub fn write_report(path: &Path, data: &ReportData, options: &ReportOptions) -> Result<(), ReportError> {
     let html = page(data, options)?;
-    let write = || {
-        let mut name = path.file_name().unwrap_or_default().to_os_string();
-        name.push(".partial");
-        let temporary = path.with_file_name(name);
-        let mut file = std::fs::File::create(&temporary)?;
-        file.write_all(html.as_bytes())?;
-        file.sync_all()?;
-        std::fs::rename(&temporary, path)
-    };
-    write().map_err(|source| ReportError::Write { path: path.to_owned(), source })
+    write_atomically(path, html.as_bytes())
+        .map_err(|source| ReportError::Write { path: path.to_owned(), source })
 }

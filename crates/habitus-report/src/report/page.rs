@@ -1,5 +1,6 @@
 //! The page: template, tables, plots, data and blocks in one text.
 
+use rayon::prelude::*;
 use serde::Serialize;
 
 use super::blocks::{Block, BodyHead, FrameHead, body_block, frame_block};
@@ -23,6 +24,9 @@ const SCRIPTS: [&str; 6] = [
     include_str!("../../assets/controls.js"),
     include_str!("../../assets/page.js"),
 ];
+const IDENTITY_NOTE: &str = "Standard deviations of the population; dashed: the limits.";
+/// The keys of the 3D view.
+const KEYS: &str = "<p class=\"keys\"><kbd>space</kbd> play <kbd>←</kbd> <kbd>→</kbd> frame <kbd>c</kbd> capture <kbd>b</kbd> body <kbd>h</kbd> clearance <kbd>m</kbd> curves <kbd>l</kbd> landmarks <kbd>s</kbd> skeleton <kbd>f</kbd> follow</p>";
 /// Steps of the heat map's colour table.
 const HEAT_STEPS: usize = 256;
 /// How often the plan is tightened when the page comes out too large.
@@ -85,7 +89,7 @@ pub fn page(data: &ReportData, options: &ReportOptions) -> Result<String, Report
 }
 
 fn frame_blocks(model: &ModelView, plan: &Plan) -> Vec<Block<FrameHead>> {
-    let frames = plan.selected.iter().map(|number| &model.frames[*number]);
+    let frames = plan.selected.par_iter().map(|number| &model.frames[*number]);
     frames.map(|view| frame_block(view, &decimated(&view.capture, plan.capture_vertices))).collect()
 }
 
@@ -112,23 +116,20 @@ fn assemble(
     let json = script_json(&page_data)?;
     let frames_word =
         if data.frames.len() == 1 { "1 frame".to_owned() } else { format!("{} frames", data.frames.len()) };
-    let sections = [
+    let main_column = [
         tables::section(
             "measurements",
             "Measurements",
             "Choose a row to see it on the body.",
             &tables::measurements(data),
         ),
-        tables::section("codes", "Codes", "Why a frame should not be trusted blindly.", &tables::codes(data)),
-        tables::section(
-            "identity",
-            "Identity",
-            "Standard deviations of the population; dashed: the limits.",
-            &tables::identity(&data.identity),
-        ),
         tables::section("truth", "Against known truth", "", &tables::truth(data)),
-        tables::section("timings", "Time", "", &tables::timings(data)),
         tables::section("provenance", "Provenance", "", &provenance(data)),
+    ];
+    let side_column = [
+        tables::section("codes", "Codes", "Why a frame should not be trusted blindly.", &tables::codes(data)),
+        tables::section("identity", "Identity", IDENTITY_NOTE, &tables::identity(&data.identity)),
+        tables::section("timings", "Time", "", &tables::timings(data)),
     ];
     let plot_section = tables::section(
         "curves",
@@ -146,7 +147,8 @@ fn assemble(
         ("headlines", tables::headlines(data)),
         ("stage", stage(data, viewer)),
         ("plots", plot_section),
-        ("sections", sections.concat()),
+        ("main_column", main_column.concat()),
+        ("side_column", side_column.concat()),
         ("style", STYLE.to_owned()),
         ("data", json),
         ("blocks", viewer.map_or(String::new(), blocks)),
@@ -175,12 +177,13 @@ fn stage(data: &ReportData, viewer: Option<&Viewer>) -> String {
     };
     let view = if viewer.is_some() { VIEWER_MARKUP } else { "" };
     filled(
-        "<section class=\"stage{{class}}\" aria-label=\"3D view and frames\">{{view}}<aside class=\"frames\"><h2>Frames</h2><ol id=\"frame-list\">{{list}}</ol></aside></section><p class=\"stage-note\">{{notice}}</p>",
+        "<section class=\"stage{{class}}\" aria-label=\"3D view and frames\">{{view}}<aside class=\"frames\"><h2>Frames</h2><ol id=\"frame-list\">{{list}}</ol></aside></section><div class=\"stage-notes\"><p class=\"stage-note\">{{notice}}</p>{{keys}}</div>",
         &[
             ("class", if viewer.is_some() { "" } else { " without-view" }.to_owned()),
             ("view", view.to_owned()),
             ("list", list),
             ("notice", escaped(&notice)),
+            ("keys", if viewer.is_some() { KEYS } else { "" }.to_owned()),
         ],
     )
 }

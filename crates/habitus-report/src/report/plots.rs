@@ -4,34 +4,29 @@ use std::fmt::Write;
 
 use serde::Serialize;
 
-use super::markup::{escaped, short_number};
+use super::markup::{escaped, number};
 use super::{FrameSummary, ReportData};
 
-const WIDTH: f64 = 560.0;
-const HEIGHT: f64 = 172.0;
-const LEFT: f64 = 50.0;
+const WIDTH: f64 = 440.0;
+const HEIGHT: f64 = 164.0;
+const LEFT: f64 = 40.0;
 const RIGHT: f64 = 12.0;
 const TOP: f64 = 10.0;
 const BOTTOM: f64 = 26.0;
 /// About how many labelled lines cross a plot.
-const TICKS: f64 = 4.0;
+const TICKS: f64 = 5.0;
 
 /// One plot: lines over frames, and bands behind them.
 #[derive(Debug, Serialize)]
 pub(crate) struct Plot {
     title: String,
-    unit: &'static str,
+    unit: String,
     note: &'static str,
     /// Lower and upper border, widest band first.
     #[serde(skip)]
     bands: Vec<[Vec<f64>; 2]>,
-    lines: Vec<Line>,
-}
-
-#[derive(Debug, Serialize)]
-struct Line {
-    label: String,
-    values: Vec<f64>,
+    /// The line that is drawn first, then values that only the readout names.
+    lines: Vec<Vec<f64>>,
 }
 
 /// The plots that the data allow: a curve needs two frames.
@@ -47,22 +42,21 @@ pub(crate) fn plots(data: &ReportData) -> Vec<Plot> {
         let p5 = column(&|f| Some(f.clearance_mm?.p5));
         let p95 = column(&|f| Some(f.clearance_mm?.p95));
         let quarters = [column(&|f| Some(f.clearance_mm?.p25)), column(&|f| Some(f.clearance_mm?.p75))];
-        let line = |label: &str, values: &[f64]| Line { label: label.to_owned(), values: values.to_vec() };
         let median = column(&|f| Some(f.clearance_mm?.p50));
         plots.push(Plot {
-            title: "Clearance between body and capture".to_owned(),
-            unit: "mm",
-            note: "line: median; bands: middle half, and 5 to 95 %",
-            lines: vec![line("median", &median), line("5 %", &p5), line("95 %", &p95)],
+            title: "Clearance".to_owned(),
+            unit: "mm".to_owned(),
+            note: "body to capture; line: median, bands: middle half and 5 to 95 %",
+            lines: vec![median, p5.clone(), p95.clone()],
             bands: vec![[p5, p95], quarters],
         });
     }
-    let single = |title: &str, unit, note, values: Vec<f64>| Plot {
+    let single = |title: &str, unit: &str, note, values: Vec<f64>| Plot {
         title: title.to_owned(),
-        unit,
+        unit: unit.to_owned(),
         note,
         bands: Vec::new(),
-        lines: vec![Line { label: String::new(), values }],
+        lines: vec![values],
     };
     if data.frames.iter().any(|frame| frame.outside_share.is_some()) {
         let values = column(&|f| f.outside_share.map(|share| 100.0 * share));
@@ -76,7 +70,8 @@ pub(crate) fn plots(data: &ReportData) -> Vec<Plot> {
     }
     for name in names {
         let values = column(&|f| f.energies.iter().find(|(n, _)| n == name).map(|(_, value)| *value));
-        plots.push(single(&format!("Energy: {name}"), "", "at the end of the frame", values));
+        let (unit, values) = in_powers_of_ten(values);
+        plots.push(single(&format!("Energy: {name}"), &unit, "at the end of the frame", values));
     }
     if data.frames.iter().any(|frame| frame.seconds > 0.0) {
         let values = column(&|f| Some(1e3 * f.seconds));
@@ -90,7 +85,7 @@ pub(crate) fn figures(plots: &[Plot], frames: &[FrameSummary]) -> String {
     plots.iter().enumerate().map(|(number, plot)| figure(plot, number, frames)).collect()
 }
 
-fn figure(plot: &Plot, number: usize, frames: &[FrameSummary]) -> String {
+fn figure(plot: &Plot, index: usize, frames: &[FrameSummary]) -> String {
     let unit = if plot.unit.is_empty() {
         String::new()
     } else {
@@ -98,7 +93,7 @@ fn figure(plot: &Plot, number: usize, frames: &[FrameSummary]) -> String {
     };
     let axes = Axes::around(plot, frames.len());
     format!(
-        "<figure class=\"plot\" data-plot=\"{number}\" data-left=\"{}\" data-right=\"{}\" data-top=\"{TOP}\" data-bottom=\"{}\" data-low=\"{}\" data-high=\"{}\"><figcaption><span class=\"plot-title\">{}{unit}</span>\
+        "<figure class=\"plot\" data-plot=\"{index}\" data-left=\"{}\" data-right=\"{}\" data-top=\"{TOP}\" data-bottom=\"{}\" data-low=\"{}\" data-high=\"{}\"><figcaption><span class=\"plot-title\">{}{unit}</span>\
          <output class=\"plot-readout\" aria-live=\"off\"></output><span class=\"plot-note\">{}</span></figcaption>{}</figure>",
         LEFT / WIDTH,
         (WIDTH - RIGHT) / WIDTH,
@@ -122,8 +117,7 @@ struct Axes {
 impl Axes {
     /// Axes that hold all lines, with zero: a curve that looks flat is flat.
     fn around(plot: &Plot, frame_count: usize) -> Self {
-        let values =
-            plot.lines.iter().flat_map(|line| &line.values).copied().filter(|value| value.is_finite());
+        let values = plot.lines.iter().flatten().copied().filter(|value| value.is_finite());
         let (least, most) =
             values.fold((0.0f64, 0.0f64), |(least, most), value| (least.min(value), most.max(value)));
         let step = nice_step((most - least).max(1e-12) / TICKS);
@@ -191,7 +185,7 @@ fn svg(plot: &Plot, frames: &[FrameSummary], axes: &Axes) -> String {
         let y = axes.y(value);
         let class = if value.abs() < 1e-9 * step { "zero" } else { "grid" };
         let _ = write!(out, "<path class=\"{class}\" d=\"M{LEFT} {y:.1}H{right}\"/>");
-        let label = short_number(if value.abs() < 1e-9 * step { 0.0 } else { value });
+        let label = number(value, tick_decimals(step));
         let _ = write!(
             out,
             "<text class=\"tick\" x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{label}</text>",
@@ -213,7 +207,7 @@ fn svg(plot: &Plot, frames: &[FrameSummary], axes: &Axes) -> String {
         let _ = write!(out, "<path class=\"band band-{number}\" d=\"{}\"/>", axes.area(low, high));
     }
     if let Some(line) = plot.lines.first() {
-        let _ = write!(out, "<path class=\"line\" d=\"{}\"/>", axes.path(&line.values));
+        let _ = write!(out, "<path class=\"line\" d=\"{}\"/>", axes.path(line));
     }
     for (class, is_marked) in [("flagged", false), ("failed", true)] {
         let marked = frames
@@ -232,6 +226,30 @@ fn svg(plot: &Plot, frames: &[FrameSummary], axes: &Axes) -> String {
     out
 }
 
+/// Values that read well: very small or large ones are divided by a power of ten, which becomes their unit.
+fn in_powers_of_ten(values: Vec<f64>) -> (String, Vec<f64>) {
+    let largest =
+        values.iter().filter(|value| value.is_finite()).fold(0.0f64, |most, value| most.max(value.abs()));
+    let power = largest.log10().floor();
+    if largest == 0.0 || (-2.0..5.0).contains(&power) {
+        return (String::new(), values);
+    }
+    let raised = |digit: char| match digit {
+        '-' => '⁻',
+        '1' => '¹',
+        '2' => '²',
+        '3' => '³',
+        other => char::from_u32('⁰' as u32 + other.to_digit(10).unwrap_or(0)).unwrap_or(other),
+    };
+    let exponent: String = format!("{power}").chars().map(raised).collect();
+    (format!("×10{exponent}"), values.iter().map(|value| value / 10f64.powf(power)).collect())
+}
+
+/// Digits after the point that tell neighbouring ticks apart.
+fn tick_decimals(step: f64) -> usize {
+    (-(step * (1.0 + 1e-9)).log10().floor()).max(0.0) as usize
+}
+
 /// The smallest of 1, 2, 5 × 10ⁿ that is at least `step`.
 fn nice_step(step: f64) -> f64 {
     let power = 10f64.powf(step.log10().floor());
@@ -248,6 +266,15 @@ mod tests {
         for (step, nice) in [(1.0, 1.0), (1.1, 2.0), (3.0, 5.0), (0.07, 0.1), (600.0, 1000.0)] {
             assert!((nice_step(step) / nice - 1.0).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn tiny_energies_read_in_powers_of_ten() {
+        let (unit, values) = in_powers_of_ten(vec![2.5e-14, 1e-14, f64::NAN]);
+        assert_eq!(unit, "×10⁻¹⁴");
+        assert!((values[0] - 2.5).abs() < 1e-9 && values[2].is_nan());
+        assert_eq!(in_powers_of_ten(vec![12.0]), (String::new(), vec![12.0]));
+        assert_eq!([0.2, 1.0, 50.0, 0.05].map(tick_decimals), [1, 0, 0, 2]);
     }
 
     #[test]
