@@ -12,7 +12,7 @@ use habitus_geometry::{SurfaceIndex, TriangleMesh, normals};
 
 const REPEATS: usize = 60;
 /// Queries that are timed together.
-const PIECE: usize = 250;
+const PIECE: usize = 1625;
 /// Vertices of the body whose closest points are asked for.
 const QUERY_COUNT: u32 = 6500;
 

@@ -2,8 +2,8 @@
 
 use glam::{DVec3, Vec4};
 
-use super::packets::{LANES, Lanes, PointPacket, TrianglePacket};
-use super::tree::{Child, Node, STACK};
+use super::packets::{FlatBoxes, LANES, Lanes, PointPacket, TrianglePacket};
+use super::tree::{Node, Part, Waiting};
 use super::{ROUNDINGS, UnitFrame};
 use crate::triangle::closest_on_triangle;
 
@@ -11,6 +11,10 @@ use crate::triangle::closest_on_triangle;
 pub(super) trait Packet: Copy {
     /// One primitive, exactly.
     type Primitive;
+    /// What bounds the packets of a group, if that pays.
+    type Group;
+    /// Lower bounds on the squared distances to the four packets of a group, up to the slack.
+    fn group_bounds(group: &Self::Group, point: Lanes) -> Vec4;
     /// Lower bounds on the squared distances to the four primitives, up to the slack.
     fn bounds(&self, point: Lanes, slack: f32) -> Vec4;
     /// The exact squared distance to one primitive.
@@ -19,6 +23,12 @@ pub(super) trait Packet: Copy {
 
 impl Packet for TrianglePacket {
     type Primitive = [DVec3; 3];
+    type Group = FlatBoxes;
+
+    #[inline(always)]
+    fn group_bounds(boxes: &FlatBoxes, point: Lanes) -> Vec4 {
+        boxes.distances_squared(point)
+    }
 
     #[inline(always)]
     fn bounds(&self, point: Lanes, slack: f32) -> Vec4 {
@@ -33,6 +43,13 @@ impl Packet for TrianglePacket {
 
 impl Packet for PointPacket {
     type Primitive = DVec3;
+    /// Sixteen points are looked at sooner than four boxes.
+    type Group = ();
+
+    #[inline(always)]
+    fn group_bounds(_group: &(), _point: Lanes) -> Vec4 {
+        Vec4::ZERO
+    }
 
     #[inline(always)]
     fn bounds(&self, point: Lanes, _slack: f32) -> Vec4 {
@@ -68,26 +85,34 @@ impl Query {
     /// Offers primitives to a collector, near ones first, until no other can be as near as its bound.
     pub fn collect<P: Packet>(&self, tree: Tree<'_, P>, collector: &mut impl Collector) {
         let mut cutoff = self.cutoff(collector.bound());
-        let mut stack = [(0.0f32, 0u32); STACK];
-        let mut waiting = 1;
-        while waiting > 0 {
-            waiting -= 1;
-            let (distance_squared, code) = stack[waiting];
+        let mut waiting = Waiting::at_root();
+        while let Some((distance_squared, code)) = waiting.pop() {
             if distance_squared > cutoff {
                 continue;
             }
-            match Child::of(code) {
-                Child::Node(node) => {
-                    waiting = self.push_children(&tree.nodes[node as usize], cutoff, &mut stack, waiting);
+            match Part::of(code) {
+                Part::Node(node) => {
+                    let node = &tree.nodes[node as usize];
+                    let (children, used) = node.children();
+                    let distances_squared = node.distances_squared(self.lanes);
+                    let lanes = not_beyond(distances_squared, cutoff) & used;
+                    waiting.push_sorted(lanes, distances_squared.to_array(), children);
                 }
-                Child::Packet(packet) => {
+                Part::Group(group) => {
+                    let first = group * LANES as u32;
+                    let used = (1 << (tree.packets.len() - first as usize).min(LANES)) - 1;
+                    let bounds = P::group_bounds(&tree.groups[group as usize], self.lanes);
+                    let packets = [0, 1, 2, 3].map(|lane| Part::Packet(first + lane).code());
+                    waiting.push_sorted(not_beyond(bounds, cutoff) & used, bounds.to_array(), packets);
+                }
+                Part::Packet(packet) => {
                     let packet = packet as usize;
                     let bounds = tree.packets[packet].bounds(self.lanes, self.slack);
-                    let mut untested = !bounds.cmpgt(Vec4::splat(cutoff)).bitmask() & 0xF;
+                    let mut lanes = not_beyond(bounds, cutoff);
                     let bounds = bounds.to_array();
-                    while untested != 0 {
-                        let lane = untested.trailing_zeros() as usize & (LANES - 1);
-                        untested &= untested - 1;
+                    while lanes != 0 {
+                        let lane = lanes.trailing_zeros() as usize & (LANES - 1);
+                        lanes &= lanes - 1;
                         if bounds[lane] > cutoff {
                             continue;
                         }
@@ -102,36 +127,6 @@ impl Query {
         }
     }
 
-    /// Puts the children within reach on the stack, nearest on top.
-    #[inline(always)]
-    fn push_children(
-        &self,
-        node: &Node,
-        cutoff: f32,
-        stack: &mut [(f32, u32); STACK],
-        mut waiting: usize,
-    ) -> usize {
-        let distances_squared = node.distances_squared(self.lanes);
-        let (children, used) = node.children();
-        // "Not beyond" rather than "within": a distance that is not a number must not hide a child.
-        let mut within = !distances_squared.cmpgt(Vec4::splat(cutoff)).bitmask() & used;
-        let distances_squared = distances_squared.to_array();
-        let bottom = waiting;
-        while within != 0 {
-            let lane = within.trailing_zeros() as usize & (LANES - 1);
-            within &= within - 1;
-            let entry = (distances_squared[lane], children[lane]);
-            let mut place = waiting;
-            while place > bottom && stack[place - 1].0 < entry.0 {
-                stack[place] = stack[place - 1];
-                place -= 1;
-            }
-            stack[place] = entry;
-            waiting += 1;
-        }
-        waiting
-    }
-
     /// The f32 squared distance beyond which nothing can be as near as `distance_squared`.
     #[inline(always)]
     fn cutoff(&self, distance_squared: f64) -> f32 {
@@ -140,11 +135,18 @@ impl Query {
     }
 }
 
+/// The lanes that are not beyond a distance; not "within", as one that is not a number must not hide anything.
+#[inline(always)]
+fn not_beyond(distances_squared: Vec4, cutoff: f32) -> u32 {
+    !distances_squared.cmpgt(Vec4::splat(cutoff)).bitmask() & 0xF
+}
+
 /// What is searched: the tree, its packets and the exact primitives behind them.
 pub(super) struct Tree<'a, P: Packet> {
     pub nodes: &'a [Node],
     /// The primitive of each lane of each packet.
     pub order: &'a [u32],
+    pub groups: &'a [P::Group],
     pub packets: &'a [P],
     pub primitives: &'a [P::Primitive],
 }

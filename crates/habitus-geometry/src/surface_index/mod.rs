@@ -1,6 +1,6 @@
 //! Exact closest points, signs and ray hits on a mesh or an oriented point cloud.
 //!
-//! A four-wide tree of f32 boxes leads to packets of four primitives; f32 only rules out, every answer is
+//! A four-wide tree of f32 boxes leads to groups of four packets of four primitives; f32 only rules out, every answer is
 //! computed in f64 from the primitive itself.
 
 mod closest;
@@ -14,15 +14,17 @@ use rayon::prelude::*;
 
 use crate::mesh::TriangleMesh;
 use closest::{Collector, Nearest, NearestFew, Packet, Query, Tree};
-use packets::{LANES, Lanes, PointPacket, TrianglePacket};
+use packets::{FlatBoxes, LANES, Lanes, PointPacket, TrianglePacket};
 use pseudonormals::Pseudonormals;
-use tree::{Bounds, Node, nodes_over, packet_order};
+use tree::{Bounds, GROUP, Node, nodes_over, packet_order};
 
 pub use ray::RayHit;
 
 /// How many roundings of f32, relative to the largest length involved, a bound may be wrong by; generous, as
 /// sixteen of them are 2 µm on a body.
 const ROUNDINGS: f32 = 16.0;
+/// Groups of primitives per parallel piece of the build.
+const GROUPS_PER_PIECE: usize = 128;
 /// Queries per parallel piece of [`SurfaceIndex::closest_many`].
 const QUERY_CHUNK: usize = 256;
 
@@ -54,8 +56,18 @@ pub struct SurfaceIndex {
 /// What the tree is over.
 #[derive(Debug, Clone)]
 enum Primitives {
-    Triangles { packets: Vec<TrianglePacket>, corners: Vec<[DVec3; 3]>, pseudonormals: Pseudonormals },
-    Points { packets: Vec<PointPacket>, positions: Vec<DVec3>, normals: Vec<DVec3> },
+    Triangles {
+        groups: Vec<FlatBoxes>,
+        packets: Vec<TrianglePacket>,
+        corners: Vec<[DVec3; 3]>,
+        pseudonormals: Pseudonormals,
+    },
+    Points {
+        groups: Vec<()>,
+        packets: Vec<PointPacket>,
+        positions: Vec<DVec3>,
+        normals: Vec<DVec3>,
+    },
 }
 
 impl SurfaceIndex {
@@ -65,26 +77,33 @@ impl SurfaceIndex {
         let frame = UnitFrame::around(positions);
         let corners: Vec<[DVec3; 3]> =
             mesh.faces().iter().map(|face| face.map(|vertex| positions[vertex as usize])).collect();
-        let ((order, packets, nodes), pseudonormals) = rayon::join(
+        let ((order, groups, packets, nodes), pseudonormals) = rayon::join(
             || {
-                let order =
-                    padded(packet_order(corners.iter().map(|[a, b, c]| frame.enter((*a + *b + *c) / 3.0))));
-                let packets: Vec<TrianglePacket> = order
-                    .par_chunks(LANES)
+                let centres = corners.iter().map(|[a, b, c]| frame.enter((*a + *b + *c) / 3.0));
+                let order = padded(packet_order(centres));
+                let triangle = |index: u32| corners[index as usize].map(|corner| frame.enter(corner));
+                let (groups, packets): (Vec<FlatBoxes>, Vec<Vec<TrianglePacket>>) = order
+                    .par_chunks(GROUP)
+                    .with_min_len(GROUPS_PER_PIECE)
                     .map(|indices| {
-                        TrianglePacket::new(lanes_of(indices, |index| {
-                            corners[index as usize].map(|corner| frame.enter(corner))
-                        }))
+                        let packed: Vec<_> =
+                            indices.chunks(LANES).map(|packet| lanes_of(packet, triangle)).collect();
+                        let packets =
+                            packed.iter().map(|triangles| TrianglePacket::new(*triangles)).collect();
+                        (FlatBoxes::around(&packed), packets)
                     })
+                    .unzip();
+                let packets: Vec<TrianglePacket> = packets.into_iter().flatten().collect();
+                let bounds: Vec<Bounds> = packets
+                    .chunks(LANES)
+                    .map(|group| Bounds::around(group.iter().flat_map(|packet| packet.corners)))
                     .collect();
-                let bounds: Vec<Bounds> =
-                    packets.iter().map(|packet| Bounds::around(&packet.corners)).collect();
                 let nodes = nodes_over(&bounds);
-                (order, packets, nodes)
+                (order, groups, packets, nodes)
             },
             || Pseudonormals::new(positions, mesh.faces()),
         );
-        let primitives = Primitives::Triangles { packets, corners, pseudonormals };
+        let primitives = Primitives::Triangles { groups, packets, corners, pseudonormals };
         Self { frame, nodes, order, primitives }
     }
 
@@ -103,9 +122,12 @@ impl SurfaceIndex {
                 points: Lanes::gather(lanes_of(indices, |index| frame.enter(positions[index as usize]))),
             })
             .collect();
-        let bounds: Vec<Bounds> = packets.iter().map(|packet| Bounds::around(&[packet.points])).collect();
-        let primitives =
-            Primitives::Points { packets, positions: positions.to_vec(), normals: normals.to_vec() };
+        let bounds: Vec<Bounds> = packets
+            .chunks(LANES)
+            .map(|group| Bounds::around(group.iter().map(|packet| packet.points)))
+            .collect();
+        let (positions, normals) = (positions.to_vec(), normals.to_vec());
+        let primitives = Primitives::Points { groups: vec![(); bounds.len()], packets, positions, normals };
         Self { frame, nodes: nodes_over(&bounds), order, primitives }
     }
 
@@ -182,11 +204,11 @@ impl SurfaceIndex {
         let query = Query::new(point, &self.frame);
         let (nodes, order) = (self.nodes.as_slice(), self.order.as_slice());
         match &self.primitives {
-            Primitives::Triangles { packets, corners, .. } => {
-                query.collect(Tree { nodes, order, packets, primitives: corners }, collector);
+            Primitives::Triangles { groups, packets, corners, .. } => {
+                query.collect(Tree { nodes, order, groups, packets, primitives: corners }, collector);
             }
-            Primitives::Points { packets, positions, .. } => {
-                query.collect(Tree { nodes, order, packets, primitives: positions }, collector);
+            Primitives::Points { groups, packets, positions, .. } => {
+                query.collect(Tree { nodes, order, groups, packets, primitives: positions }, collector);
             }
         }
     }

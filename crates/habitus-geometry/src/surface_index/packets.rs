@@ -112,3 +112,83 @@ impl PointPacket {
         offset.dot(offset)
     }
 }
+
+/// Four boxes, each turned to lie flat on the triangles of one packet. A box along the axes stands out of a slanted
+/// surface by half its width, which is why so many of them are near a point that is near the surface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct FlatBoxes {
+    axes: [Lanes; 3],
+    /// The boxes' centres and half-widths along their own axes.
+    centre: Lanes,
+    half: Lanes,
+}
+
+impl FlatBoxes {
+    /// Boxes around the triangles of up to four packets, given about the surface's centre; the last one is repeated.
+    pub fn around(packets: &[[[DVec3; 3]; LANES]]) -> Self {
+        let boxes: [FlatBox; LANES] =
+            [0, 1, 2, 3].map(|lane: usize| FlatBox::around(&packets[lane.min(packets.len() - 1)]));
+        Self {
+            axes: [0, 1, 2].map(|axis| Lanes::gather(boxes.map(|flat| flat.axes[axis]))),
+            centre: Lanes::gather(boxes.map(|flat| flat.centre)),
+            half: Lanes::gather(boxes.map(|flat| flat.half)),
+        }
+    }
+
+    /// Squared distances to the four boxes.
+    #[inline(always)]
+    pub fn distances_squared(&self, point: Lanes) -> Vec4 {
+        let outside =
+            |axis: Lanes, centre: Vec4, half: Vec4| ((axis.dot(point) - centre).abs() - half).max(Vec4::ZERO);
+        let outside = Lanes {
+            x: outside(self.axes[0], self.centre.x, self.half.x),
+            y: outside(self.axes[1], self.centre.y, self.half.y),
+            z: outside(self.axes[2], self.centre.z, self.half.z),
+        };
+        outside.dot(outside)
+    }
+
+    /// Where a ray enters and leaves the four boxes after these grew by the slack.
+    #[inline(always)]
+    pub fn slab_interval(&self, origin: Lanes, direction: Lanes, slack: f32) -> (Vec4, Vec4) {
+        let slab = |axis: Lanes, centre: Vec4, half: Vec4| {
+            let from = axis.dot(origin) - centre;
+            let along = axis.dot(direction);
+            // A direction in the box's own plane would divide by nothing.
+            let flattest = Vec4::splat(1e-18);
+            let inverse = Vec4::select(along.abs().cmplt(flattest), flattest, along).recip();
+            let grown = half + slack;
+            let (first, second) = ((-grown - from) * inverse, (grown - from) * inverse);
+            (first.min(second), first.max(second))
+        };
+        let x = slab(self.axes[0], self.centre.x, self.half.x);
+        let y = slab(self.axes[1], self.centre.y, self.half.y);
+        let z = slab(self.axes[2], self.centre.z, self.half.z);
+        (x.0.max(y.0).max(z.0), x.1.min(y.1).min(z.1))
+    }
+}
+
+#[derive(Clone, Copy)]
+struct FlatBox {
+    axes: [DVec3; 3],
+    centre: DVec3,
+    half: DVec3,
+}
+
+impl FlatBox {
+    fn around(triangles: &[[DVec3; 3]; LANES]) -> Self {
+        let area_vector: DVec3 = triangles.iter().map(|[a, b, c]| (*b - *a).cross(*c - *a)).sum();
+        let up = area_vector.try_normalize().unwrap_or(DVec3::Z);
+        let [a, b, _] = triangles[0];
+        let along = (b - a).reject_from_normalized(up).try_normalize().unwrap_or(up.any_orthonormal_vector());
+        // Rounded first, so that the extents belong to the axes that the search will use.
+        let axes = [along, up.cross(along), up].map(|axis| axis.as_vec3().as_dvec3());
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for corner in triangles.iter().flatten() {
+            let on_axes = DVec3::from(axes.map(|axis| axis.dot(*corner)));
+            low = low.min(on_axes);
+            high = high.max(on_axes);
+        }
+        Self { axes, centre: (low + high) * 0.5, half: (high - low) * 0.5 }
+    }
+}

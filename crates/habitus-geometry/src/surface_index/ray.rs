@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec4};
 
 use super::packets::{LANES, Lanes};
-use super::tree::{Child, STACK};
+use super::tree::{Part, Waiting};
 use super::{Primitives, SurfaceIndex, UnitFrame};
 
 /// Stands for 1/0 in the slab test: large, but a product with it stays a number.
@@ -26,12 +26,13 @@ impl SurfaceIndex {
     /// The first face, from either side, that a ray meets within `max_distance` metres; the direction may have any
     /// length but zero. A ray through an edge shared by two faces cannot slip between them. Clouds are never hit.
     pub fn ray_hit(&self, origin: DVec3, direction: DVec3, max_distance: f64) -> Option<RayHit> {
-        let Primitives::Triangles { corners, .. } = &self.primitives else { return None };
+        let Primitives::Triangles { corners, groups, .. } = &self.primitives else { return None };
         let direction = direction.try_normalize()?;
         let in_frame = self.frame.enter(origin);
         let slack = UnitFrame::slack(in_frame);
         let lanes = Lanes::splat(in_frame);
         let limit_at = |reach: f64| (reach / self.frame.metres) as f32 * (1.0 + WIDENING) + slack;
+        let along = Lanes::splat(direction);
         let inverse = Lanes::splat(direction.map(|value| {
             if value.abs() < 1.0 / STEEPEST { STEEPEST.copysign(value) } else { value.recip() }
         }));
@@ -39,37 +40,31 @@ impl SurfaceIndex {
         let mut hit: Option<RayHit> = None;
         let mut reach = max_distance;
         let mut limit = limit_at(reach);
-        let mut stack = [(0.0f32, 0u32); STACK];
-        let mut waiting = 1;
-        while waiting > 0 {
-            waiting -= 1;
-            let (entry, code) = stack[waiting];
+        let mut waiting = Waiting::at_root();
+        while let Some((entry, code)) = waiting.pop() {
             if entry > limit {
                 continue;
             }
-            match Child::of(code) {
-                Child::Node(node) => {
+            let met = |(enter, leave): (Vec4, Vec4)| {
+                let enter = enter.max(Vec4::ZERO);
+                let missed = enter.cmpgt(leave * (1.0 + WIDENING)) | enter.cmpgt(Vec4::splat(limit));
+                (!missed.bitmask(), enter.to_array())
+            };
+            match Part::of(code) {
+                Part::Node(node) => {
                     let node = &self.nodes[node as usize];
-                    let (enter, leave) = node.slab_interval(lanes, inverse, slack);
-                    let enter = enter.max(Vec4::ZERO);
                     let (children, used) = node.children();
-                    let missed = enter.cmpgt(leave * (1.0 + WIDENING)) | enter.cmpgt(Vec4::splat(limit));
-                    let mut within = !missed.bitmask() & used;
-                    let enter = enter.to_array();
-                    let bottom = waiting;
-                    while within != 0 {
-                        let lane = within.trailing_zeros() as usize & (LANES - 1);
-                        within &= within - 1;
-                        let mut place = waiting;
-                        while place > bottom && stack[place - 1].0 < enter[lane] {
-                            stack[place] = stack[place - 1];
-                            place -= 1;
-                        }
-                        stack[place] = (enter[lane], children[lane]);
-                        waiting += 1;
-                    }
+                    let (lanes, enter) = met(node.slab_interval(lanes, inverse, slack));
+                    waiting.push_sorted(lanes & used, enter, children);
                 }
-                Child::Packet(packet) => {
+                Part::Group(group) => {
+                    let first = group * LANES as u32;
+                    let used = (1 << (self.order.len() / LANES - first as usize).min(LANES)) - 1;
+                    let (lanes, enter) = met(groups[group as usize].slab_interval(lanes, along, slack));
+                    let packets = [0, 1, 2, 3].map(|lane| Part::Packet(first + lane).code());
+                    waiting.push_sorted(lanes & used, enter, packets);
+                }
+                Part::Packet(packet) => {
                     for &face in &self.order[packet as usize * LANES..][..LANES] {
                         let Some((distance, barycentric)) = meet(origin, direction, corners[face as usize])
                         else {

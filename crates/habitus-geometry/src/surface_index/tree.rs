@@ -1,18 +1,21 @@
-//! A four-wide tree of f32 boxes over packets of four primitives.
+//! A four-wide tree of f32 boxes over groups of four packets of four primitives.
 //!
-//! Splits are at the median packet, so the shape of the tree follows from the count alone: building is one
+//! Splits are at the median group, so the shape of the tree follows from the count alone: building is one
 //! parallel reordering, the traversal stack is bounded, and no input can make the tree degenerate.
 
 use glam::{DVec3, Vec4};
 
 use super::packets::{LANES, Lanes};
 
-/// Enough for a branch of the largest tree: sixteen levels with three waiting children each.
-pub(super) const STACK: usize = 64;
+/// Enough for a branch of the largest tree: fourteen levels and a group with three waiting parts each.
+const STACK: usize = 64;
 /// Below this many primitives a second thread costs more than it brings.
 const PARALLEL_FROM: usize = 4096;
-/// Marks a child that is a packet of primitives instead of a node.
-const PACKET: u32 = 1 << 31;
+/// How many primitives one group holds.
+pub(super) const GROUP: usize = LANES * LANES;
+/// Marks a child that is a group of packets, or one packet, instead of a node.
+const GROUP_MARK: u32 = 1 << 31;
+const PACKET_MARK: u32 = 1 << 30;
 
 /// Four boxes with what they hold.
 #[derive(Debug, Clone, Copy)]
@@ -23,18 +26,73 @@ pub(super) struct Node {
     used: u32,
 }
 
-/// What a child of a node is.
-pub(super) enum Child {
-    /// Another node.
+/// What waits to be searched.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Part {
+    /// A node.
     Node(u32),
-    /// A packet of primitives.
+    /// Four packets.
+    Group(u32),
+    /// Four primitives.
     Packet(u32),
 }
 
-impl Child {
+impl Part {
+    /// The part in 32 bits, as the stack keeps it.
+    #[inline(always)]
+    pub fn code(self) -> u32 {
+        match self {
+            Self::Node(node) => node,
+            Self::Group(group) => group | GROUP_MARK,
+            Self::Packet(packet) => packet | PACKET_MARK,
+        }
+    }
+
     #[inline(always)]
     pub fn of(code: u32) -> Self {
-        if code & PACKET == 0 { Self::Node(code) } else { Self::Packet(code & !PACKET) }
+        if code & GROUP_MARK != 0 {
+            Self::Group(code & !GROUP_MARK)
+        } else if code & PACKET_MARK != 0 {
+            Self::Packet(code & !PACKET_MARK)
+        } else {
+            Self::Node(code)
+        }
+    }
+}
+
+/// The parts that wait, the nearest of those last added on top.
+pub(super) struct Waiting {
+    entries: [(f32, u32); STACK],
+    count: usize,
+}
+
+impl Waiting {
+    /// With the root alone.
+    pub fn at_root() -> Self {
+        Self { entries: [(0.0, Part::Node(0).code()); STACK], count: 1 }
+    }
+
+    #[inline(always)]
+    pub fn pop(&mut self) -> Option<(f32, u32)> {
+        self.count = self.count.checked_sub(1)?;
+        Some(self.entries[self.count])
+    }
+
+    /// Adds the parts in these lanes, sorted so that the nearest comes out first.
+    #[inline(always)]
+    pub fn push_sorted(&mut self, mut lanes: u32, distances: [f32; LANES], codes: [u32; LANES]) {
+        let bottom = self.count;
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize & (LANES - 1);
+            lanes &= lanes - 1;
+            let mut place = self.count;
+            while place > bottom && self.entries[place - 1].0 < distances[lane] {
+                self.entries[place] = self.entries[place - 1];
+                place -= 1;
+            }
+            self.entries[place] = (distances[lane], codes[lane]);
+            self.count += 1;
+        }
     }
 }
 
@@ -67,8 +125,8 @@ impl Node {
 
     /// The children by lane, and the lanes in use as bits.
     #[inline(always)]
-    pub fn children(&self) -> (&[u32; LANES], u32) {
-        (&self.children, self.used)
+    pub fn children(&self) -> ([u32; LANES], u32) {
+        (self.children, self.used)
     }
 }
 
@@ -90,17 +148,16 @@ impl Bounds {
     }
 
     /// The box around points that lie four by four in lanes.
-    pub fn around(lanes: &[Lanes]) -> Self {
-        let extreme = |axis: fn(&Lanes) -> Vec4| {
-            let (mut low, mut high) = (axis(&lanes[0]), axis(&lanes[0]));
-            for lane in &lanes[1..] {
-                low = low.min(axis(lane));
-                high = high.max(axis(lane));
+    pub fn around(points: impl Iterator<Item = Lanes>) -> Self {
+        let mut low = [Vec4::INFINITY; 3];
+        let mut high = [Vec4::NEG_INFINITY; 3];
+        for four in points {
+            for (axis, coordinates) in [four.x, four.y, four.z].into_iter().enumerate() {
+                low[axis] = low[axis].min(coordinates);
+                high[axis] = high[axis].max(coordinates);
             }
-            (low.min_element(), high.max_element())
-        };
-        let (x, y, z) = (extreme(|lane| lane.x), extreme(|lane| lane.y), extreme(|lane| lane.z));
-        Self { low: [x.0, y.0, z.0], high: [x.1, y.1, z.1] }
+        }
+        Self { low: low.map(Vec4::min_element), high: high.map(Vec4::max_element) }
     }
 }
 
@@ -111,7 +168,7 @@ pub(super) struct Centre {
     pub index: u32,
 }
 
-/// The order of primitives in which each run of four is one packet.
+/// The order of primitives in which each run of four is one packet and each run of sixteen one group.
 pub(super) fn packet_order(centres: impl Iterator<Item = DVec3>) -> Vec<u32> {
     let mut centres: Vec<Centre> = centres
         .enumerate()
@@ -121,9 +178,9 @@ pub(super) fn packet_order(centres: impl Iterator<Item = DVec3>) -> Vec<u32> {
     centres.iter().map(|centre| centre.index).collect()
 }
 
-/// Half of the packets, which decides the split of primitives and of nodes alike.
-fn left_packets(packet_count: usize) -> usize {
-    packet_count.div_ceil(2)
+/// The larger half, which decides the split of primitives and of nodes alike.
+fn left_half(count: usize) -> usize {
+    count.div_ceil(2)
 }
 
 fn split(centres: &mut [Centre]) {
@@ -131,7 +188,8 @@ fn split(centres: &mut [Centre]) {
         return;
     }
     let axis = widest_axis(centres);
-    let middle = left_packets(centres.len().div_ceil(LANES)) * LANES;
+    let unit = if centres.len() > GROUP { GROUP } else { LANES };
+    let middle = left_half(centres.len().div_ceil(unit)) * unit;
     // Equal centres are told apart by index, so that the order never hangs on the thread count.
     centres.select_nth_unstable_by(middle, |first, second| {
         first.position[axis].total_cmp(&second.position[axis]).then(first.index.cmp(&second.index))
@@ -157,25 +215,25 @@ fn widest_axis(centres: &[Centre]) -> usize {
     (0..3).fold(0, |widest, axis| if width(axis) > width(widest) { axis } else { widest })
 }
 
-/// The nodes over packets with these boxes, parents first; node 0 is the root.
-pub(super) fn nodes_over(packets: &[Bounds]) -> Vec<Node> {
-    let mut nodes = Vec::with_capacity(packets.len() / 2 + 1);
-    add_node(&mut nodes, packets, 0);
+/// The nodes over groups with these boxes, parents first; node 0 is the root.
+pub(super) fn nodes_over(groups: &[Bounds]) -> Vec<Node> {
+    let mut nodes = Vec::with_capacity(groups.len() / 2 + 1);
+    add_node(&mut nodes, groups, 0);
     nodes
 }
 
-fn add_node(nodes: &mut Vec<Node>, packets: &[Bounds], first_packet: usize) -> (u32, Bounds) {
+fn add_node(nodes: &mut Vec<Node>, groups: &[Bounds], first_group: usize) -> (u32, Bounds) {
     let place = nodes.len();
     let empty = Lanes::splat(DVec3::ZERO);
     nodes.push(Node { low: empty, high: empty, children: [0; LANES], used: 0 });
     let mut ranges = [(0, 0); LANES];
-    let half = left_packets(packets.len());
-    let (quarter, last_quarter) = (left_packets(half), half + left_packets(packets.len() - half));
+    let half = left_half(groups.len());
+    let (quarter, last_quarter) = (left_half(half), half + left_half(groups.len() - half));
     for (range, ends) in ranges.iter_mut().zip([
         (0, quarter),
         (quarter, half),
         (half, last_quarter),
-        (last_quarter, packets.len()),
+        (last_quarter, groups.len()),
     ]) {
         *range = ends;
     }
@@ -184,9 +242,9 @@ fn add_node(nodes: &mut Vec<Node>, packets: &[Bounds], first_packet: usize) -> (
     let mut whole: Option<Bounds> = None;
     for (lane, (start, end)) in ranges.into_iter().filter(|(start, end)| start < end).enumerate() {
         let (child, bounds) = if end - start == 1 {
-            ((first_packet + start) as u32 | PACKET, packets[start])
+            (Part::Group((first_group + start) as u32).code(), groups[start])
         } else {
-            add_node(nodes, &packets[start..end], first_packet + start)
+            add_node(nodes, &groups[start..end], first_group + start)
         };
         children[lane] = child;
         used |= 1 << lane;
@@ -201,5 +259,5 @@ fn add_node(nodes: &mut Vec<Node>, packets: &[Bounds], first_packet: usize) -> (
         Lanes { x, y, z }
     };
     nodes[place] = Node { low: lanes(low), high: lanes(high), children, used };
-    (place as u32, whole.unwrap_or(packets[0]))
+    (place as u32, whole.unwrap_or(groups[0]))
 }
