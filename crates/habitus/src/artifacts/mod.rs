@@ -1,5 +1,6 @@
 //! What stages hand to one another: data and its file form, no algorithm.
 
+pub mod body_export;
 pub mod codes;
 mod csv;
 #[cfg(test)]
@@ -8,9 +9,12 @@ pub mod fitted_sequence;
 pub mod frames;
 pub mod journal;
 pub mod measurements;
+pub mod motion_bvh;
 pub mod npz;
+pub mod provenance;
 pub mod rigged_sequence;
 pub mod sequence_files;
+pub mod skinned_glb;
 
 use std::io::Write;
 use std::path::Path;

@@ -36,6 +36,27 @@ impl Rig {
     }
 }
 
+/// Frames per second: a positive, finite number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameRate(f64);
+
+impl FrameRate {
+    /// A frame rate, unless the number cannot be one.
+    pub fn new(frames_per_second: f64) -> Option<Self> {
+        (frames_per_second.is_finite() && frames_per_second > 0.0).then_some(Self(frames_per_second))
+    }
+
+    /// Frames per second.
+    pub fn frames_per_second(self) -> f64 {
+        self.0
+    }
+
+    /// Seconds from the first frame to this one.
+    pub fn time_of(self, frame: usize) -> f64 {
+        frame as f64 / self.0
+    }
+}
+
 /// A fitted sequence that can be posed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RiggedSequence {
@@ -106,7 +127,7 @@ mod tests {
 
     use glam::{DMat3, DVec3};
 
-    use super::{InputFrame, pose_in_input_frame, pose_in_internal_frame, unwind_root_rotations};
+    use super::{FrameRate, InputFrame, pose_in_input_frame, pose_in_internal_frame, unwind_root_rotations};
     use crate::body::{Pose, fixture};
 
     fn frame() -> InputFrame {
@@ -156,5 +177,11 @@ mod tests {
             assert!(rotation(pose).dot(rotation(wound)).abs() > 1.0 - 1e-12);
         }
         assert!(DVec3::from_slice(&poses[59][3..]).length() > 2.0 * TAU);
+    }
+
+    #[test]
+    fn only_positive_numbers_are_frame_rates() {
+        assert_eq!(FrameRate::new(25.0).map(|rate| rate.time_of(50)), Some(2.0));
+        assert!([0.0, -1.0, f64::NAN, f64::INFINITY].iter().all(|rate| FrameRate::new(*rate).is_none()));
     }
 }
