@@ -1,1 +1,26 @@
 //! People, motions, simulated garments and captures of them, with exact truth.
+//!
+//! ```text
+//! source body ─┬─ tailor ──▶ Garment ─ Cloth ─┐
+//!              └─ Animation ─▶ Pose ──────────┴─ capture ─▶ one independent mesh per frame, with its truth
+//! ```
+//! Bodies come from outside the space that is fitted, garments are simulated, and every frame is meshed anew, so
+//! that nothing of what a fit has to find is given away.
+
+#![deny(missing_docs)]
+
+pub mod animate;
+pub mod capture;
+pub mod cloth;
+pub mod depth_map;
+mod error;
+pub mod garment;
+pub mod isosurface;
+pub mod motion;
+mod random;
+pub mod rest_body;
+mod sheet;
+pub mod sequence;
+pub mod source_bodies;
+
+pub use error::SyntheticError;

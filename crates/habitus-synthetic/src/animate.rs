@@ -1,0 +1,178 @@
+//! From anatomical angles to the poses of one body, with feet that stay where they stand.
+
+use glam::{DMat3, DQuat, DVec3};
+use habitus::body::{BodyModel, Pose, Skeleton};
+
+use crate::motion::{ArmAngles, LegAngles, Motion, Stance};
+use crate::rest_body::{Bone, RestBody};
+
+/// Softness of "the lowest point carries the weight", metres.
+const CONTACT_SOFTNESS: f64 = 0.008;
+
+/// Poses of one body over time, made one after the other because each stands on the last one's feet.
+pub struct Animation<'a> {
+    model: &'a BodyModel,
+    joints: Vec<DVec3>,
+    /// Heel and ball of the left and the right sole, rest space.
+    soles: [(Bone, DVec3); 4],
+    motion: Motion,
+    phase: f64,
+    /// Sole points (before translation) and root translation of the last pose.
+    last: Option<([DVec3; 4], DVec3)>,
+}
+
+impl<'a> Animation<'a> {
+    /// A motion of one body; `phase` in 0..1 shifts its cycle.
+    pub fn new(model: &'a BodyModel, body: &RestBody, motion: Motion, phase: f64) -> Self {
+        let joints = body.joints().to_vec();
+        let soles = [
+            (Bone::LeftFoot, sole(body, Bone::LeftFoot, -1.0)),
+            (Bone::LeftFoot, sole(body, Bone::LeftFoot, 1.0)),
+            (Bone::RightFoot, sole(body, Bone::RightFoot, -1.0)),
+            (Bone::RightFoot, sole(body, Bone::RightFoot, 1.0)),
+        ];
+        Self { model, joints, soles, motion, phase, last: None }
+    }
+
+    /// The pose at a time (seconds), blended from the rest pose (0) to the motion (1).
+    pub fn next_pose(&mut self, time: f64, blend: f64) -> Pose {
+        let stance = self.motion.at(time, self.phase);
+        let skeleton = self.model.skeleton();
+        let mut pose = skeleton.rest_pose();
+        self.set_angles(&mut pose, &stance);
+        for angle in &mut pose.parameters_mut()[3..] {
+            *angle *= blend;
+        }
+        // The heading is the only angle that may exceed a half turn, so it is blended before it is a vector.
+        let root = DQuat::from_rotation_y(stance.heading * blend)
+            * DQuat::from_rotation_y(stance.pelvis_turn * blend)
+            * DQuat::from_rotation_z(stance.pelvis_list * blend);
+        pose.set_root(root, DVec3::ZERO);
+        let translation = self.stand(&pose);
+        pose.set_root(root, translation);
+        pose
+    }
+
+    fn set_angles(&self, pose: &mut Pose, stance: &Stance) {
+        let skeleton = self.model.skeleton();
+        let (lower, upper) = skeleton.pose_limits();
+        let parameters = pose.parameters_mut();
+        let legs = [[Bone::LeftThigh, Bone::LeftShank, Bone::LeftFoot], [Bone::RightThigh, Bone::RightShank, Bone::RightFoot]];
+        for (chain, (angles, side)) in legs.into_iter().zip(stance.legs.iter().zip([1.0, -1.0])) {
+            self.set_leg(parameters, skeleton, chain, angles, side);
+        }
+        let arms = [
+            [Bone::LeftUpperArm, Bone::LeftForearm, Bone::LeftHand],
+            [Bone::RightUpperArm, Bone::RightForearm, Bone::RightHand],
+        ];
+        for (chain, (angles, side)) in arms.into_iter().zip(stance.arms.iter().zip([1.0, -1.0])) {
+            self.set_arm(parameters, skeleton, chain, angles, side);
+        }
+        let thorax = DMat3::from_rotation_y(stance.thorax_turn)
+            * DMat3::from_rotation_z(-stance.thorax_list)
+            * DMat3::from_rotation_x(stance.thorax_flexion);
+        set_rotation(parameters, skeleton, Bone::Thorax, thorax);
+        for ((angle, low), high) in parameters.iter_mut().zip(lower).zip(upper) {
+            *angle = angle.clamp(low, high);
+        }
+    }
+
+    fn set_leg(&self, parameters: &mut [f64], skeleton: &Skeleton, chain: [Bone; 3], angles: &LegAngles, side: f64) {
+        let [thigh, shank, foot] = chain;
+        let leg = self.joints[foot as usize] - self.joints[thigh as usize];
+        // The rest pose stands with legs apart; walking brings the feet together.
+        let rest_abduction = (leg.x * side).atan2(-leg.y);
+        let outwards = DMat3::from_rotation_z(side * (angles.hip_abduction - rest_abduction));
+        set_rotation(parameters, skeleton, thigh, DMat3::from_rotation_x(-angles.hip_flexion) * outwards);
+        set_flexion(parameters, skeleton, shank, angles.knee_flexion);
+        set_turn(parameters, skeleton, foot, -angles.ankle_dorsiflexion, DVec3::X);
+    }
+
+    fn set_arm(&self, parameters: &mut [f64], skeleton: &Skeleton, chain: [Bone; 3], angles: &ArmAngles, side: f64) {
+        let [upper_arm, forearm, hand] = chain.map(|bone| self.joints[bone as usize]);
+        let rest = (forearm - upper_arm).normalize_or_zero();
+        let rest_bend = rest.angle_between(hand - forearm);
+        let [upper_arm, forearm, _] = chain;
+        let hanging = DVec3::new(side * angles.shoulder_abduction.sin(), -angles.shoulder_abduction.cos(), 0.0);
+        let wanted = DMat3::from_rotation_x(-angles.shoulder_flexion) * hanging;
+        set_rotation(parameters, skeleton, upper_arm, DMat3::from_quat(DQuat::from_rotation_arc(rest, wanted)));
+        set_flexion(parameters, skeleton, forearm, angles.elbow_flexion - rest_bend);
+    }
+
+    /// Root translation that keeps the loaded sole points where they were and the lowest one on the floor.
+    fn stand(&mut self, pose: &Pose) -> DVec3 {
+        let posed = self.model.skeleton().pose(&self.joints, pose.parameters());
+        let soles = self.soles.map(|(bone, point)| posed.rotations[bone as usize] * point + posed.translations[bone as usize]);
+        let lowest = soles.iter().map(|sole| sole.y).fold(f64::INFINITY, f64::min);
+        let load = |sole: &DVec3| (-(sole.y - lowest) / CONTACT_SOFTNESS).exp();
+        let total: f64 = soles.iter().map(load).sum();
+        let height = -CONTACT_SOFTNESS * -total.ln() - lowest;
+        let translation = match &self.last {
+            None => DVec3::ZERO,
+            Some((last_soles, last_translation)) => {
+                let slide: DVec3 =
+                    soles.iter().zip(last_soles).map(|(now, last)| (*now - *last) * load(now)).sum::<DVec3>() / total;
+                *last_translation - slide
+            }
+        };
+        let translation = DVec3::new(translation.x, height, translation.z);
+        self.last = Some((soles, translation));
+        translation
+    }
+}
+
+/// The lowest vertex in the rear (−1) or front (1) half of a foot.
+fn sole(body: &RestBody, foot: Bone, end: f64) -> DVec3 {
+    let vertices = || body.positions().iter().zip(body.bones()).filter(|(_, bone)| **bone == foot).map(|(position, _)| *position);
+    let (low, high) =
+        vertices().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), position| (low.min(position.z), high.max(position.z)));
+    let middle = (low + high) * 0.5;
+    vertices()
+        .filter(|position| (position.z - middle) * end > 0.25 * (high - middle))
+        .min_by(|first, second| first.y.total_cmp(&second.y))
+        .unwrap_or(body.joint(foot))
+}
+
+/// Parameters of a bone's axes within the pose vector.
+fn axes_of(skeleton: &Skeleton, bone: Bone) -> Vec<(usize, DVec3)> {
+    let root_length = skeleton.pose_length() - skeleton.axes().len();
+    let axes = skeleton.axes().iter().enumerate();
+    axes.filter(|(_, axis)| axis.bone == bone as usize).map(|(index, axis)| (root_length + index, axis.direction)).collect()
+}
+
+/// Angles about a bone's own axes that come closest to a wanted rotation (Gauss–Newton on the rotation error).
+fn set_rotation(parameters: &mut [f64], skeleton: &Skeleton, bone: Bone, wanted: DMat3) {
+    let axes = axes_of(skeleton, bone);
+    for _ in 0..20 {
+        let mut rotation = DMat3::IDENTITY;
+        let mut columns = [DVec3::ZERO; 3];
+        for (column, (parameter, direction)) in columns.iter_mut().zip(&axes) {
+            *column = rotation * *direction;
+            rotation *= DMat3::from_axis_angle(*direction, parameters[*parameter]);
+        }
+        let error = DQuat::from_mat3(&(wanted * rotation.transpose())).to_scaled_axis();
+        let jacobian = DMat3::from_cols(columns[0], columns[1], columns[2]);
+        // Damped: axes may align (gimbal lock) or be fewer than three.
+        let normal = jacobian.transpose() * jacobian + DMat3::from_diagonal(DVec3::splat(1e-6));
+        let step = normal.inverse() * (jacobian.transpose() * error);
+        for (value, (parameter, _)) in step.to_array().into_iter().zip(&axes) {
+            parameters[*parameter] += value;
+        }
+    }
+}
+
+/// Bends a hinge the way its limits leave most room: knees and elbows.
+fn set_flexion(parameters: &mut [f64], skeleton: &Skeleton, bone: Bone, angle: f64) {
+    for ((parameter, _), axis) in
+        axes_of(skeleton, bone).into_iter().zip(skeleton.axes().iter().filter(|axis| axis.bone == bone as usize))
+    {
+        parameters[parameter] = if axis.limits[1] >= -axis.limits[0] { angle } else { -angle };
+    }
+}
+
+/// Turns a hinge by an angle about the direction that its axis lies closest to.
+fn set_turn(parameters: &mut [f64], skeleton: &Skeleton, bone: Bone, angle: f64, about: DVec3) {
+    for (parameter, direction) in axes_of(skeleton, bone) {
+        parameters[parameter] = angle * direction.dot(about).signum();
+    }
+}

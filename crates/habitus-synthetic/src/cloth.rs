@@ -1,0 +1,431 @@
+//! Cloth moved by extended position-based dynamics with many small steps, in contact with a moving body.
+//!
+//! XPBD: Macklin, Müller and Chentanez 2016; one iteration in each of many substeps: Macklin et al. 2019.
+//! Gauss–Seidel in a fixed order, so a result never depends on the number of threads.
+
+use glam::DVec3;
+use habitus::geometry::{SurfaceIndex, TriangleMesh, vertex_normals, vertex_normals_into};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::error::SyntheticError;
+
+/// Fabric and solver.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ClothSettings {
+    /// Solver steps per second; stretch under the cloth's own weight falls with its square.
+    pub substeps_per_second: f64,
+    /// Times per second that the nearest body point of each cloth vertex is looked up again.
+    pub contact_updates_per_second: f64,
+    /// Mass per area, kg/m².
+    pub density: f64,
+    /// Inverse stiffness of an edge that is stretched, m/N.
+    pub stretch_compliance: f64,
+    /// Inverse stiffness of an edge that is compressed, m/N: fabric gives way and folds.
+    pub compression_compliance: f64,
+    /// Inverse stiffness against folding across an edge, m/N.
+    pub bending_compliance: f64,
+    /// Rate at which air takes velocity away, 1/s.
+    pub damping_per_second: f64,
+    /// Resistance of air to motion across the cloth, kg/m³: half of air's density times a drag coefficient near one.
+    pub air_drag: f64,
+    /// Share of the person's speed that the air around them has: still air would blow a skirt out behind a walker.
+    pub wake_share: f64,
+    /// Share of a vertex's velocity that its neighbours' mean replaces at each contact update: fabric's own friction.
+    pub internal_damping: f64,
+    /// Coulomb coefficient between cloth and skin.
+    pub friction: f64,
+    /// Distance that is kept from the skin, millimetres.
+    pub contact_offset_mm: f64,
+    /// Cloth further than this from the body is not tested against it until the next update, millimetres.
+    pub contact_range_mm: f64,
+    /// Acceleration of free fall, m/s², downwards.
+    pub gravity: f64,
+}
+
+impl Default for ClothSettings {
+    fn default() -> Self {
+        Self {
+            substeps_per_second: 2400.0,
+            contact_updates_per_second: 90.0,
+            density: 0.22,
+            stretch_compliance: 0.0,
+            compression_compliance: 3e-3,
+            bending_compliance: 0.15,
+            damping_per_second: 0.5,
+            air_drag: 0.6,
+            wake_share: 0.8,
+            internal_damping: 0.2,
+            friction: 0.3,
+            contact_offset_mm: 4.0,
+            contact_range_mm: 60.0,
+            gravity: 9.81,
+        }
+    }
+}
+
+/// Ties a cloth vertex to a point that rides on a body triangle (waistbands, necklines, tight suits).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Anchor {
+    /// The cloth vertex.
+    pub vertex: u32,
+    /// The body face that carries the point.
+    pub face: u32,
+    /// Barycentric place on that face.
+    pub barycentric: [f64; 3],
+    /// Height of the point above the body along its normal, metres.
+    pub height: f64,
+    /// Inverse stiffness, m/N; zero pins the vertex.
+    pub compliance: f64,
+}
+
+/// Outward speed that contact may leave a vertex with, m/s: pushing out of the body must not fling.
+const LARGEST_BOUNCE: f64 = 0.05;
+/// Largest push out of the body in one substep, metres: a vertex squeezed between two limbs must not explode.
+const LARGEST_PUSH: f64 = 0.002;
+
+#[derive(Debug, Clone, Copy)]
+struct Distance {
+    vertices: [u32; 2],
+    rest_length: f64,
+}
+
+/// A body point that moves in a straight line over the frame interval, and the skin's normal there.
+#[derive(Debug, Clone, Copy)]
+struct SkinPoint {
+    positions: [DVec3; 2],
+    normals: [DVec3; 2],
+}
+
+impl SkinPoint {
+    /// At a time in 0..=1 of the interval.
+    fn position(&self, time: f64) -> DVec3 {
+        self.positions[0].lerp(self.positions[1], time)
+    }
+
+    fn normal(&self, time: f64) -> DVec3 {
+        self.normals[0].lerp(self.normals[1], time).normalize_or_zero()
+    }
+
+    /// Way from one time to another.
+    fn way(&self, start: f64, end: f64) -> DVec3 {
+        (self.positions[1] - self.positions[0]) * (end - start)
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Contact {
+    vertex: u32,
+    skin: SkinPoint,
+}
+
+/// The body surface over one frame interval, moving in straight lines from `start` to `end`.
+#[derive(Debug)]
+pub struct BodyInterval<'a> {
+    faces: &'a [[u32; 3]],
+    positions: [&'a [DVec3]; 2],
+    normals: [Vec<DVec3>; 2],
+    duration: f64,
+    /// Lookups of the surface in the middle of each contact interval.
+    surfaces: Vec<SurfaceIndex>,
+}
+
+impl<'a> BodyInterval<'a> {
+    /// Prepares the contact lookups; shared by all garments of the frame.
+    pub fn new(
+        faces: &'a [[u32; 3]],
+        start: &'a [DVec3],
+        end: &'a [DVec3],
+        duration: f64,
+        settings: &ClothSettings,
+    ) -> Result<Self, SyntheticError> {
+        let update_count = (duration * settings.contact_updates_per_second).round().max(1.0) as usize;
+        let surfaces = (0..update_count)
+            .into_par_iter()
+            .map(|update| {
+                let time = (update as f64 + 0.5) / update_count as f64;
+                let positions = start.iter().zip(end).map(|(start, end)| start.lerp(*end, time)).collect();
+                Ok(SurfaceIndex::of_mesh(&TriangleMesh::new(positions, faces.to_vec())?))
+            })
+            .collect::<Result<_, SyntheticError>>()?;
+        let normals = [vertex_normals(start, faces), vertex_normals(end, faces)];
+        Ok(Self { faces, positions: [start, end], normals, duration, surfaces })
+    }
+
+    fn mean_velocity(&self) -> DVec3 {
+        let [start, end] = self.positions;
+        let way: DVec3 = end.iter().zip(start).map(|(end, start)| *end - *start).sum();
+        way / (start.len() as f64 * self.duration)
+    }
+
+    fn skin_point(&self, face: u32, barycentric: [f64; 3]) -> SkinPoint {
+        let corners = self.faces[face as usize].map(|vertex| vertex as usize);
+        let blend = |values: &[DVec3]| -> DVec3 {
+            corners.iter().zip(barycentric).map(|(&vertex, share)| values[vertex] * share).sum()
+        };
+        SkinPoint {
+            positions: self.positions.map(blend),
+            normals: [blend(&self.normals[0]), blend(&self.normals[1])],
+        }
+    }
+}
+
+/// A piece of cloth in motion.
+#[derive(Debug, Clone)]
+pub struct Cloth {
+    positions: Vec<DVec3>,
+    velocities: Vec<DVec3>,
+    inverse_masses: Vec<f64>,
+    faces: Vec<[u32; 3]>,
+    normals: Vec<DVec3>,
+    edges: Vec<Distance>,
+    bends: Vec<Distance>,
+    anchors: Vec<Anchor>,
+    contacts: Vec<Contact>,
+    previous: Vec<DVec3>,
+}
+
+impl Cloth {
+    /// Cloth at rest in the shape that its fabric was cut to.
+    pub fn new(positions: Vec<DVec3>, faces: &[[u32; 3]], anchors: Vec<Anchor>, settings: &ClothSettings) -> Self {
+        let mut masses = vec![0.0; positions.len()];
+        for face in faces {
+            let [a, b, c] = face.map(|vertex| positions[vertex as usize]);
+            let share = (b - a).cross(c - a).length() / 6.0 * settings.density;
+            for vertex in face {
+                masses[*vertex as usize] += share;
+            }
+        }
+        let (edges, bends) = distance_constraints(&positions, faces);
+        Self {
+            velocities: vec![DVec3::ZERO; positions.len()],
+            inverse_masses: masses.iter().map(|&mass: &f64| if mass > 0.0 { 1.0 / mass } else { 0.0 }).collect(),
+            previous: positions.clone(),
+            normals: vertex_normals(&positions, faces),
+            positions,
+            faces: faces.to_vec(),
+            edges,
+            bends,
+            anchors,
+            contacts: Vec::new(),
+        }
+    }
+
+    /// Carries the cloth elsewhere without moving it through the space between.
+    pub fn shift(&mut self, offset: DVec3) {
+        for position in &mut self.positions {
+            *position += offset;
+        }
+    }
+
+    /// Current vertex positions, metres.
+    pub fn positions(&self) -> &[DVec3] {
+        &self.positions
+    }
+
+    /// Current vertex velocities, m/s.
+    pub fn velocities(&self) -> &[DVec3] {
+        &self.velocities
+    }
+
+    /// Length of each edge over its length in the cut fabric.
+    pub fn stretch_ratios(&self) -> impl Iterator<Item = f64> + '_ {
+        self.edges.iter().map(|edge| {
+            let [a, b] = edge.vertices.map(|vertex| self.positions[vertex as usize]);
+            a.distance(b) / edge.rest_length
+        })
+    }
+
+    /// Moves the cloth through one frame interval.
+    pub fn advance(&mut self, body: &BodyInterval<'_>, settings: &ClothSettings) {
+        let update_count = body.surfaces.len();
+        let substeps = (body.duration * settings.substeps_per_second / update_count as f64).ceil().max(1.0) as usize;
+        let step_share = 1.0 / (update_count * substeps) as f64;
+        let anchored: Vec<SkinPoint> =
+            self.anchors.iter().map(|anchor| body.skin_point(anchor.face, anchor.barycentric)).collect();
+        let air = body.mean_velocity() * settings.wake_share;
+        for (update, surface) in body.surfaces.iter().enumerate() {
+            self.find_contacts(body, surface, settings);
+            self.damp_internally(settings.internal_damping);
+            vertex_normals_into(&self.positions, &self.faces, &mut self.normals);
+            for substep in 0..substeps {
+                let start = (update * substeps + substep) as f64 * step_share;
+                let span = Span { start, end: start + step_share, seconds: step_share * body.duration };
+                self.substep(&anchored, air, &span, settings);
+            }
+        }
+    }
+
+    fn find_contacts(&mut self, body: &BodyInterval<'_>, surface: &SurfaceIndex, settings: &ClothSettings) {
+        let radius = settings.contact_range_mm / 1000.0;
+        self.contacts = self
+            .positions
+            .par_iter()
+            .enumerate()
+            .filter_map(|(vertex, &position)| {
+                let nearest = surface.closest_within(position, radius)?;
+                Some(Contact { vertex: vertex as u32, skin: body.skin_point(nearest.face, nearest.barycentric) })
+            })
+            .collect();
+    }
+
+    fn damp_internally(&mut self, share: f64) {
+        let mut sums = vec![(DVec3::ZERO, 0.0); self.velocities.len()];
+        for edge in &self.edges {
+            let [a, b] = edge.vertices.map(|vertex| vertex as usize);
+            for (to, from) in [(a, b), (b, a)] {
+                sums[to].0 += self.velocities[from];
+                sums[to].1 += 1.0;
+            }
+        }
+        for (velocity, (sum, count)) in self.velocities.iter_mut().zip(sums) {
+            *velocity = velocity.lerp(sum / f64::max(count, 1.0), share);
+        }
+    }
+
+    fn substep(&mut self, anchored: &[SkinPoint], air: DVec3, span: &Span, settings: &ClothSettings) {
+        self.previous.copy_from_slice(&self.positions);
+        self.move_freely(air, span.seconds, settings);
+        let step = span.seconds;
+        let compliances = [settings.stretch_compliance, settings.compression_compliance];
+        project_distances(&mut self.positions, &self.inverse_masses, &self.edges, compliances, step);
+        let compliances = [settings.bending_compliance; 2];
+        project_distances(&mut self.positions, &self.inverse_masses, &self.bends, compliances, step);
+        self.project_anchors(anchored, span);
+        self.project_contacts(span, settings);
+        for ((velocity, position), previous) in self.velocities.iter_mut().zip(&self.positions).zip(&self.previous) {
+            *velocity = (*position - *previous) / step;
+        }
+        self.limit_bounce(span, settings);
+    }
+
+    /// Free fall through air, which resists motion across the cloth.
+    fn move_freely(&mut self, air: DVec3, step: f64, settings: &ClothSettings) {
+        let kept_velocity = (-settings.damping_per_second * step).exp();
+        let fall = DVec3::NEG_Y * settings.gravity * step;
+        let drag = settings.air_drag / settings.density * step;
+        for (vertex, velocity) in self.velocities.iter_mut().enumerate() {
+            if self.inverse_masses[vertex] > 0.0 {
+                let mut wind = (*velocity + fall - air) * kept_velocity;
+                let across = wind.dot(self.normals[vertex]);
+                // The implicit form of dv/dt = −drag·v² never overshoots.
+                wind -= self.normals[vertex] * (across - across / (1.0 + drag * across.abs()));
+                *velocity = air + wind;
+                self.positions[vertex] += *velocity * step;
+            }
+        }
+    }
+
+    fn project_anchors(&mut self, anchored: &[SkinPoint], span: &Span) {
+        for (anchor, skin) in self.anchors.iter().zip(anchored) {
+            let vertex = anchor.vertex as usize;
+            let inverse_mass = self.inverse_masses[vertex];
+            let share = inverse_mass / (inverse_mass + anchor.compliance / (span.seconds * span.seconds));
+            let target = skin.position(span.end) + skin.normal(span.end) * anchor.height;
+            self.positions[vertex] = self.positions[vertex].lerp(target, share);
+        }
+    }
+
+    /// Pushes vertices out to the contact distance and takes up to the Coulomb limit of the sliding away.
+    fn project_contacts(&mut self, span: &Span, settings: &ClothSettings) {
+        let offset = settings.contact_offset_mm / 1000.0;
+        for Contact { vertex, skin } in &self.contacts {
+            let position = &mut self.positions[*vertex as usize];
+            let normal = skin.normal(span.end);
+            let depth = offset - (*position - skin.position(span.end)).dot(normal);
+            if depth <= 0.0 {
+                continue;
+            }
+            let push = depth.min(LARGEST_PUSH);
+            *position += normal * push;
+            let moved = *position - self.previous[*vertex as usize] - skin.way(span.start, span.end);
+            let sliding = moved - normal * moved.dot(normal);
+            let length = sliding.length();
+            if length > 0.0 {
+                *position -= sliding * (settings.friction * push / length).min(1.0);
+            }
+        }
+    }
+
+    fn limit_bounce(&mut self, span: &Span, settings: &ClothSettings) {
+        let offset = settings.contact_offset_mm / 1000.0;
+        for Contact { vertex, skin } in &self.contacts {
+            let vertex = *vertex as usize;
+            let normal = skin.normal(span.end);
+            if (self.positions[vertex] - skin.position(span.end)).dot(normal) > offset + 1e-6 {
+                continue;
+            }
+            let leaving = (self.velocities[vertex] - skin.way(span.start, span.end) / span.seconds).dot(normal);
+            if leaving > LARGEST_BOUNCE {
+                self.velocities[vertex] -= normal * (leaving - LARGEST_BOUNCE);
+            }
+        }
+    }
+}
+
+/// One substep within a frame interval.
+struct Span {
+    /// In 0..=1 of the interval.
+    start: f64,
+    /// In 0..=1 of the interval.
+    end: f64,
+    seconds: f64,
+}
+
+/// One Gauss–Seidel sweep; the first compliance holds for stretched, the second for compressed pairs.
+///
+/// Always in the same direction: sweeps that alternate leave residuals that alternate, which become velocities.
+fn project_distances(
+    positions: &mut [DVec3],
+    inverse_masses: &[f64],
+    constraints: &[Distance],
+    compliances: [f64; 2],
+    step: f64,
+) {
+    let softness = compliances.map(|compliance| compliance / (step * step));
+    for constraint in constraints {
+        constraint.project(positions, inverse_masses, softness);
+    }
+}
+
+impl Distance {
+    fn project(&self, positions: &mut [DVec3], inverse_masses: &[f64], [stretched, compressed]: [f64; 2]) {
+        let [a, b] = self.vertices.map(|vertex| vertex as usize);
+        let difference = positions[b] - positions[a];
+        let length = difference.length();
+        let excess = length - self.rest_length;
+        let softness = if excess > 0.0 { stretched } else { compressed };
+        let total = inverse_masses[a] + inverse_masses[b] + softness;
+        if length <= 0.0 || total <= 0.0 {
+            return;
+        }
+        let correction = difference * (excess / (length * total));
+        positions[a] += correction * inverse_masses[a];
+        positions[b] -= correction * inverse_masses[b];
+    }
+}
+
+/// Edges against stretch, and pairs of vertices across each inner edge against bending.
+fn distance_constraints(positions: &[DVec3], faces: &[[u32; 3]]) -> (Vec<Distance>, Vec<Distance>) {
+    let mut sides: Vec<([u32; 2], u32)> = faces
+        .iter()
+        .flat_map(|&[a, b, c]| [([a.min(b), a.max(b)], c), ([b.min(c), b.max(c)], a), ([c.min(a), c.max(a)], b)])
+        .collect();
+    sides.sort_unstable();
+    let distance = |vertices: [u32; 2]| {
+        let [a, b] = vertices.map(|vertex| positions[vertex as usize]);
+        Distance { vertices, rest_length: a.distance(b) }
+    };
+    let mut edges = Vec::new();
+    let mut bends = Vec::new();
+    for group in sides.chunk_by(|first, second| first.0 == second.0) {
+        edges.push(distance(group[0].0));
+        if let [(_, first), (_, second)] = group
+            && first != second
+        {
+            bends.push(distance([*first, *second]));
+        }
+    }
+    (edges, bends)
+}

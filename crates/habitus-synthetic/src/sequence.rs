@@ -1,0 +1,373 @@
+//! A dressed person in motion, captured frame by frame, with the truth that a fit has to find.
+
+use glam::DVec3;
+use habitus::artifacts::frames::{FrameError, FrameSource};
+use habitus::body::{BodyModel, Pose};
+use habitus::geometry::{Surface, TriangleMesh};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::animate::Animation;
+use crate::capture::{CaptureSettings, Subject, Substance, capture};
+use crate::cloth::{BodyInterval, Cloth, ClothSettings};
+use crate::error::SyntheticError;
+use crate::garment::{Drive, Garment, GarmentSettings, Outfit, follow_skin, tailor};
+use crate::motion::Motion;
+use crate::random::Random;
+use crate::rest_body::RestBody;
+use crate::source_bodies::source_body;
+
+/// All that a dressed sequence depends on; the default is the demo.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DressedSequenceSettings {
+    /// Start of all random numbers.
+    pub seed: u64,
+    /// Which of the source bodies, see [`crate::source_bodies`].
+    pub source_body: usize,
+    /// What the person wears.
+    pub outfit: Outfit,
+    /// What the person does.
+    pub motion: Motion,
+    /// Number of captured frames.
+    pub frame_count: usize,
+    /// Frames per second; P2 §6.1: 30.
+    pub frames_per_second: f64,
+    /// Time in which the person goes from the rest pose into the motion and the cloth settles, seconds.
+    pub settle_seconds: f64,
+    /// How the garments are cut.
+    pub garment: GarmentSettings,
+    /// How the cloth behaves.
+    pub cloth: ClothSettings,
+    /// How each frame is captured.
+    pub capture: CaptureSettings,
+}
+
+impl Default for DressedSequenceSettings {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            source_body: 0,
+            outfit: Outfit::Dress,
+            motion: Motion::WalkAndTurn,
+            frame_count: 60,
+            frames_per_second: 30.0,
+            settle_seconds: 1.0,
+            garment: GarmentSettings::default(),
+            cloth: ClothSettings::default(),
+            capture: CaptureSettings::default(),
+        }
+    }
+}
+
+impl DressedSequenceSettings {
+    /// A few coarse frames in a second or two, for tests.
+    pub fn tiny() -> Self {
+        let defaults = Self::default();
+        Self {
+            frame_count: 4,
+            settle_seconds: 0.5,
+            garment: GarmentSettings { cloth_edge_mm: 30.0, ..defaults.garment },
+            cloth: ClothSettings {
+                substeps_per_second: 600.0,
+                contact_updates_per_second: 60.0,
+                ..defaults.cloth
+            },
+            capture: CaptureSettings { camera_count: 16, image_height: 320, voxel_mm: 22.0, ..defaults.capture },
+            ..defaults
+        }
+    }
+
+    fn check(&self) -> Result<(), SyntheticError> {
+        let positive = [
+            ("frames_per_second", self.frames_per_second),
+            ("settle_seconds", self.settle_seconds),
+            ("garment.cloth_edge_mm", self.garment.cloth_edge_mm),
+            ("cloth.substeps_per_second", self.cloth.substeps_per_second),
+            ("cloth.density", self.cloth.density),
+            ("capture.voxel_mm", self.capture.voxel_mm),
+            ("capture.camera_distance", self.capture.camera_distance),
+            ("capture.camera_count", self.capture.camera_count as f64),
+            ("frame_count", self.frame_count as f64),
+        ];
+        for (setting, value) in positive {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(SyntheticError::Setting {
+                    setting,
+                    value: value.to_string(),
+                    expected: "positive and finite".into(),
+                });
+            }
+        }
+        if !(64..=4096).contains(&self.capture.image_height) {
+            return Err(SyntheticError::Setting {
+                setting: "capture.image_height",
+                value: self.capture.image_height.to_string(),
+                expected: "from 64 to 4096 pixels".into(),
+            });
+        }
+        Ok(())
+    }
+}
+
+/// The true state of one frame, posed space.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    /// The pose.
+    pub pose: Pose,
+    /// Joints, metres.
+    pub joints: Vec<DVec3>,
+    /// The naked body, metres.
+    pub body_vertices: Vec<DVec3>,
+    /// The model's landmark vertices on that body, metres.
+    pub landmarks: Vec<DVec3>,
+    /// Vertices of each garment, metres.
+    pub garment_positions: Vec<Vec<DVec3>>,
+}
+
+/// One captured frame with its truth.
+#[derive(Debug, Clone)]
+pub struct DressedFrame {
+    /// Place in the sequence.
+    pub index: usize,
+    /// The truth.
+    pub scene: Scene,
+    /// What the cameras saw: a mesh of its own, without correspondence to any other frame.
+    pub capture: TriangleMesh,
+}
+
+/// A person, what they wear and how they move; gives one scene after the other.
+pub struct Performance<'a> {
+    model: &'a BodyModel,
+    settings: &'a DressedSequenceSettings,
+    body: RestBody,
+    garments: Vec<Garment>,
+    cloths: Vec<Cloth>,
+    animation: Animation<'a>,
+    /// Frame interval that ends next, counted from the end of settling.
+    next_step: i64,
+    body_vertices: Vec<DVec3>,
+}
+
+impl<'a> Performance<'a> {
+    /// Dresses a body (rest vertices in the model's topology, which need not lie in the model's space).
+    pub fn new(
+        model: &'a BodyModel,
+        rest_vertices: Vec<DVec3>,
+        settings: &'a DressedSequenceSettings,
+    ) -> Result<Self, SyntheticError> {
+        settings.check()?;
+        let body = RestBody::new(model, rest_vertices)?;
+        let garments = tailor(settings.outfit, &body, &settings.garment)?;
+        let phase = Random::named(settings.seed, "phase of the motion").unit();
+        let mut animation = Animation::new(model, &body, settings.motion, phase);
+        let settle_steps = (settings.settle_seconds * settings.frames_per_second).ceil() as i64;
+        let start_time = -(settle_steps as f64) / settings.frames_per_second;
+        let pose = animation.next_pose(start_time, 0.0);
+        let shift = pose.translation();
+        let cloths = garments
+            .iter()
+            .map(|garment| {
+                let positions = garment.positions.clone();
+                let mut cloth = Cloth::new(positions, &garment.faces, garment.anchors.clone(), &settings.cloth);
+                cloth.shift(shift);
+                cloth
+            })
+            .collect();
+        let body_vertices = model.pose_vertices(body.positions(), &model.skeleton().pose(body.joints(), pose.parameters()));
+        Ok(Self { model, settings, body, garments, cloths, animation, next_step: -settle_steps + 1, body_vertices })
+    }
+
+    /// The person at rest.
+    pub fn body(&self) -> &RestBody {
+        &self.body
+    }
+
+    /// The garments as they were cut.
+    pub fn garments(&self) -> &[Garment] {
+        &self.garments
+    }
+
+    /// The simulated state of the garments.
+    pub fn cloths(&self) -> &[Cloth] {
+        &self.cloths
+    }
+
+    /// Moves on by one frame; the first call also settles the cloth.
+    pub fn next_scene(&mut self) -> Result<Scene, SyntheticError> {
+        while self.next_step < 0 {
+            self.step()?;
+        }
+        self.step()
+    }
+
+    fn step(&mut self) -> Result<Scene, SyntheticError> {
+        let rate = self.settings.frames_per_second;
+        let time = self.next_step as f64 / rate;
+        // Into the motion during the first two thirds of settling, smoothly; the rest lets the cloth calm down.
+        let share = ((time / self.settings.settle_seconds + 1.0) * 1.5).clamp(0.0, 1.0);
+        let pose = self.animation.next_pose(time, share * share * (3.0 - 2.0 * share));
+        let posed = self.model.skeleton().pose(self.body.joints(), pose.parameters());
+        let vertices = self.model.pose_vertices(self.body.positions(), &posed);
+        let faces = self.body.faces();
+        let cloth_settings = &self.settings.cloth;
+        if self.garments.iter().any(|garment| garment.drive == Drive::Simulated) {
+            let interval = BodyInterval::new(faces, &self.body_vertices, &vertices, 1.0 / rate, cloth_settings)?;
+            let garments = self.cloths.par_iter_mut().zip(&self.garments);
+            garments
+                .filter(|(_, garment)| garment.drive == Drive::Simulated)
+                .for_each(|(cloth, _)| cloth.advance(&interval, cloth_settings));
+        }
+        let garment_positions = self
+            .cloths
+            .iter()
+            .zip(&self.garments)
+            .map(|(cloth, garment)| match garment.drive {
+                Drive::Simulated => cloth.positions().to_vec(),
+                Drive::FollowsSkin => follow_skin(&garment.anchors, &vertices, faces),
+            })
+            .collect();
+        self.next_step += 1;
+        self.body_vertices.clone_from(&vertices);
+        let landmarks = self.model.landmark_vertices().iter().map(|&vertex| vertices[vertex as usize]).collect();
+        Ok(Scene { pose, joints: posed.joints, body_vertices: vertices, landmarks, garment_positions })
+    }
+}
+
+/// What the cameras need to know about a performance: the faces of the body and of each garment.
+#[derive(Debug, Clone)]
+pub struct Stage {
+    faces: Vec<Vec<[u32; 3]>>,
+    settings: CaptureSettings,
+    seed: u64,
+}
+
+impl Stage {
+    /// The stage of a performance.
+    pub fn of(performance: &Performance<'_>) -> Self {
+        let garments = performance.garments.iter().map(|garment| garment.faces.clone());
+        Self {
+            faces: std::iter::once(performance.body.faces().to_vec()).chain(garments).collect(),
+            settings: performance.settings.capture.clone(),
+            seed: performance.settings.seed,
+        }
+    }
+
+    /// All that is seen: the body, then the garments.
+    pub fn subjects<'a>(&'a self, scene: &'a Scene) -> Vec<Subject<'a>> {
+        let positions = std::iter::once(&scene.body_vertices).chain(&scene.garment_positions);
+        let substances = std::iter::once(Substance::Solid).chain(std::iter::repeat(Substance::Sheet));
+        positions
+            .zip(&self.faces)
+            .zip(substances)
+            .map(|((positions, faces), substance)| Subject { positions, faces, substance })
+            .collect()
+    }
+
+    /// What the cameras make of a scene.
+    pub fn capture(&self, index: usize, scene: Scene) -> Result<DressedFrame, SyntheticError> {
+        let name = format!("frame {index}");
+        let (positions, faces) = capture(&self.subjects(&scene), &self.settings, self.seed, &name);
+        if faces.is_empty() {
+            return Err(SyntheticError::EmptyCapture { frame: index });
+        }
+        Ok(DressedFrame { index, scene, capture: TriangleMesh::new(positions, faces)? })
+    }
+
+    fn capture_all(&self, first: usize, scenes: Vec<Scene>) -> Vec<Result<DressedFrame, SyntheticError>> {
+        scenes.into_par_iter().enumerate().map(|(place, scene)| self.capture(first + place, scene)).collect()
+    }
+}
+
+/// A finished sequence, held in memory.
+#[derive(Debug, Clone)]
+pub struct DressedSequence {
+    /// What it was made with.
+    pub settings: DressedSequenceSettings,
+    /// The person at rest, in the model's topology, metres.
+    pub rest_vertices: Vec<DVec3>,
+    /// The body's faces.
+    pub faces: Vec<[u32; 3]>,
+    /// The garments as they were cut.
+    pub garments: Vec<Garment>,
+    /// The frames.
+    pub frames: Vec<DressedFrame>,
+}
+
+impl FrameSource for DressedSequence {
+    fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    fn name(&self, frame: usize) -> String {
+        format!("frame_{frame:04}")
+    }
+
+    fn surface(&self, frame: usize) -> Result<Surface, FrameError> {
+        Ok(Surface::Mesh(self.frames[frame].capture.clone()))
+    }
+}
+
+/// Hears how many of how many frames are done.
+pub type Progress<'a> = &'a mut (dyn FnMut(usize, usize) + Send);
+
+/// Takes frames as they are made, in order.
+pub type FrameSink<'a> = &'a mut (dyn FnMut(DressedFrame) -> Result<(), SyntheticError> + Send);
+
+/// Frames that are simulated ahead while the ones before them are captured.
+const FRAMES_AHEAD: usize = 4;
+
+/// Makes a sequence of one of the source bodies.
+pub fn generate(
+    model: &BodyModel,
+    settings: &DressedSequenceSettings,
+    progress: Progress<'_>,
+) -> Result<DressedSequence, SyntheticError> {
+    generate_of(model, source_body(model, settings.source_body)?, settings, progress)
+}
+
+/// Makes a sequence of any body in the model's topology.
+pub fn generate_of(
+    model: &BodyModel,
+    rest_vertices: Vec<DVec3>,
+    settings: &DressedSequenceSettings,
+    progress: Progress<'_>,
+) -> Result<DressedSequence, SyntheticError> {
+    let mut performance = Performance::new(model, rest_vertices, settings)?;
+    let mut frames = Vec::with_capacity(settings.frame_count);
+    stream(&mut performance, &mut |frame| {
+        frames.push(frame);
+        progress(frames.len(), settings.frame_count);
+        Ok(())
+    })?;
+    Ok(DressedSequence {
+        settings: settings.clone(),
+        rest_vertices: performance.body.positions().to_vec(),
+        faces: performance.body.faces().to_vec(),
+        garments: performance.garments,
+        frames,
+    })
+}
+
+/// Gives the frames one after the other, so that a sequence need not fit in memory.
+pub fn stream(performance: &mut Performance<'_>, sink: FrameSink<'_>) -> Result<(), SyntheticError> {
+    let frame_count = performance.settings.frame_count;
+    let stage = Stage::of(performance);
+    let mut captured = 0;
+    let mut waiting = simulate(performance, FRAMES_AHEAD.min(frame_count))?;
+    while captured < frame_count {
+        let ahead = FRAMES_AHEAD.min(frame_count - captured - waiting.len());
+        let scenes = std::mem::take(&mut waiting);
+        let (next, frames) = rayon::join(|| simulate(performance, ahead), || stage.capture_all(captured, scenes));
+        waiting = next?;
+        for frame in frames {
+            sink(frame?)?;
+            captured += 1;
+        }
+    }
+    Ok(())
+}
+
+fn simulate(performance: &mut Performance<'_>, count: usize) -> Result<Vec<Scene>, SyntheticError> {
+    (0..count).map(|_| performance.next_scene()).collect()
+}
