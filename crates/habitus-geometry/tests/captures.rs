@@ -1,4 +1,5 @@
 //! Real captures beside the checkout, read and looked at; skipped, saying so, where they are not there.
+#![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use std::path::{Path, PathBuf};
 

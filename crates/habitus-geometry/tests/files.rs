@@ -1,4 +1,5 @@
 //! Each format gives back what was written into it, and what it changes is in the report.
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 use std::path::Path;
 
@@ -111,7 +112,8 @@ fn odd_ply(encoding: &str) -> Vec<u8> {
     put(&[1]);
     put(&0u16.to_le_bytes());
     put(&[2]);
-    let rows: [(i8, f64, &[f64], f32, i32, u32); 4] = [
+    type Row<'a> = (i8, f64, &'a [f64], f32, i32, u32);
+    let rows: [Row<'_>; 4] = [
         (-1, 0.5, &[7.5], 1.5, 3, 4_000_000_000),
         (0, 1.5, &[], 2.5, 4, 1),
         (1, 0.0, &[1.0, 2.0], 0.0, -5, 2),

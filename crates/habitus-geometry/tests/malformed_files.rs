@@ -1,4 +1,5 @@
 //! Broken and odd files: each gives an error that names the problem; none panics, none is read as something else.
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 use std::path::Path;
 
@@ -225,10 +226,16 @@ fn broken_binary_stl_says_what_is_wrong() {
 
 /// A GLB with this description and 36 bytes: one triangle, without indices.
 fn glb(json: &str) -> Vec<u8> {
+    glb_with(json, &[])
+}
+
+/// The same with more binary data after the triangle.
+fn glb_with(json: &str, more: &[u8]) -> Vec<u8> {
     let mut text = json.as_bytes().to_vec();
     text.resize(text.len().next_multiple_of(4), b' ');
-    let binary: Vec<u8> =
-        [0.0f32, 0., 0., 1., 0., 0., 0., 1., 0.].iter().flat_map(|value| value.to_le_bytes()).collect();
+    let triangle = [0.0f32, 0., 0., 1., 0., 0., 0., 1., 0.];
+    let mut binary: Vec<u8> = triangle.iter().flat_map(|value| value.to_le_bytes()).collect();
+    binary.extend_from_slice(more);
     let mut bytes = b"glTF\x02\0\0\0".to_vec();
     bytes.extend_from_slice(&((28 + text.len() + binary.len()) as u32).to_le_bytes());
     for (kind, chunk) in [(b"JSON", &text), (b"BIN\0", &binary)] {
@@ -304,6 +311,25 @@ fn broken_glb_files_say_what_is_wrong() {
     let parts = vec![r#"{"attributes":{"POSITION":0}}"#; 3000].join(",");
     let parts = glb(&TRIANGLE.replacen(r#"{"attributes":{"POSITION":0}}"#, &parts, 1));
     assert!(read_surface_bytes(Format::Glb, &parts, Path::new("shared")).is_ok());
+    // A small file that draws the same fan of triangles very many times.
+    let fan = r#"{"attributes":{"POSITION":0},"mode":6,"indices":1}"#;
+    let fans = vec![fan; 600].join(",");
+    let fans = TRIANGLE
+        .replacen(r#"{"attributes":{"POSITION":0}}"#, &fans, 1)
+        .replacen(
+            r#""type":"VEC3"}"#,
+            r#""type":"VEC3"},{"bufferView":1,"componentType":5121,"count":3000,"type":"SCALAR"}"#,
+            1,
+        )
+        .replacen(
+            r#""byteLength":36}],"buffers""#,
+            r#""byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":3000}],"buffers""#,
+            1,
+        );
+    let indices: Vec<u8> = (0..3000u32).map(|place| (place % 3) as u8).collect();
+    assert!(
+        message(Format::Glb, &glb_with(&fans, &indices)).contains("more triangles than the file has bytes")
+    );
     assert!(message(Format::Glb, b"glTF").contains("container header"));
     assert!(message(Format::Glb, b"glTF\x01\0\0\0").contains("version 1"));
     assert!(message(Format::Glb, b"glTF\x02\0\0\0\x0c\0\0\0").contains("JSON chunk is missing"));

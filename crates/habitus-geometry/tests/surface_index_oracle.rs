@@ -1,4 +1,5 @@
 //! The index against brute force: closest point, warm start, radius, sign and rays.
+#![allow(clippy::unwrap_used)]
 
 use habitus_geometry::glam::DVec3;
 use habitus_geometry::sampling::SplitMix;

@@ -19,9 +19,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<Content, Fault> {
     gltf.check_header()?;
     let mut content = Content::new(Format::Glb);
     // Every place of a mesh costs memory, so a small file must not show a large mesh a million times.
-    let vertex_limit = bytes.len();
+    let size_limit = bytes.len();
     for (mesh, placed) in gltf.placed_meshes()? {
-        gltf.add_mesh(mesh, placed, vertex_limit, &mut content)?;
+        gltf.add_mesh(mesh, placed, size_limit, &mut content)?;
     }
     content.finish(Place::Byte(bytes.len()))
 }
@@ -117,7 +117,7 @@ impl<'a> Gltf<'a> {
         &self,
         mesh: usize,
         placed: DAffine3,
-        vertex_limit: usize,
+        size_limit: usize,
         content: &mut Content,
     ) -> Result<(), Fault> {
         let primitives = self.object("meshes", mesh)?["primitives"]
@@ -139,7 +139,7 @@ impl<'a> Gltf<'a> {
                 Some(&first_vertex) => first_vertex,
                 None => {
                     let first_vertex = content.positions.len() as u32;
-                    if content.positions.len().saturating_add(positions.count) > vertex_limit {
+                    if content.positions.len().saturating_add(positions.count) > size_limit {
                         let what = "more vertices than the file has bytes".to_owned();
                         let problem = Problem::Unsupported { what, remedy: "export without instances" };
                         return Err(Fault { place, problem });
@@ -157,7 +157,13 @@ impl<'a> Gltf<'a> {
                 None => (0..positions.count as u32).collect(),
             };
             let flips = placed.matrix3.determinant() < 0.0;
-            for mut triangle in triangles(mode, &indices, mesh)? {
+            let triangles = triangles(mode, &indices, mesh)?;
+            if content.faces.len().saturating_add(triangles.len()) > size_limit {
+                let what = "more triangles than the file has bytes".to_owned();
+                let problem = Problem::Unsupported { what, remedy: "export without shared indices" };
+                return Err(Fault { place, problem });
+            }
+            for mut triangle in triangles {
                 if flips {
                     // A mirror turns the winding, and with it the outside.
                     triangle.swap(1, 2);
