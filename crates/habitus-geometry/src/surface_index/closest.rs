@@ -117,6 +117,9 @@ impl Query {
                             continue;
                         }
                         let primitive = tree.order[packet * LANES + lane];
+                        if collector.has(primitive) {
+                            continue;
+                        }
                         let exact = P::distance_squared(self.point, &tree.primitives[primitive as usize]);
                         if collector.offer(exact, primitive) {
                             cutoff = self.cutoff(collector.bound());
@@ -155,6 +158,10 @@ pub(super) struct Tree<'a, P: Packet> {
 pub(super) trait Collector {
     /// The squared distance beyond which nothing is wanted.
     fn bound(&self) -> f64;
+    /// True for a primitive that need not be offered again, where that is quickly known.
+    fn has(&self, _primitive: u32) -> bool {
+        false
+    }
     /// Takes a primitive with its squared distance; true where that changed the bound.
     fn offer(&mut self, distance_squared: f64, primitive: u32) -> bool;
 }
@@ -169,6 +176,11 @@ impl Collector for Nearest {
     #[inline(always)]
     fn bound(&self) -> f64 {
         self.distance_squared
+    }
+
+    #[inline(always)]
+    fn has(&self, primitive: u32) -> bool {
+        self.primitive == Some(primitive)
     }
 
     #[inline(always)]
