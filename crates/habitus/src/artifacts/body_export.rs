@@ -50,7 +50,8 @@ pub fn body_file_name(frame: usize) -> String {
     format!("body_{frame:06}.ply")
 }
 
-/// Writes `body_000000.ply` … and `rest.ply` in the input's frame and unit; gives the files in order.
+/// Writes `body_000000.ply` … and `rest.ply` in the input's frame and unit, each at the scale of its frame's own
+/// capture, so that both lie over one another; gives the files in order.
 pub fn write_bodies(
     folder: &Path,
     fit: &RiggedSequence,
@@ -62,7 +63,7 @@ pub fn write_bodies(
     for (frame, fitted) in fit.sequence.frames.iter().enumerate() {
         if fitted.is_ok() || failed_frames == FailedFrames::Write {
             let path = folder.join(body_file_name(frame));
-            write_body(&path, fit, frame, &fit.posed_vertices(frame))?;
+            write_body(&path, fit, frame, &at_capture_scale(fit, frame))?;
             written.push(path);
         }
     }
@@ -70,6 +71,13 @@ pub fn write_bodies(
     write_body(&path, fit, fit.sequence.frames.len(), &fit.sequence.rest_vertices)?;
     written.push(path);
     Ok(written)
+}
+
+fn at_capture_scale(fit: &RiggedSequence, frame: usize) -> Vec<DVec3> {
+    let mut vertices = fit.posed_vertices(frame);
+    let scale = fit.sequence.frames[frame].capture_scale;
+    vertices.iter_mut().for_each(|vertex| *vertex *= scale);
+    vertices
 }
 
 fn write_body(
@@ -101,10 +109,11 @@ mod tests {
         let files = write_bodies(&target, &fit, FailedFrames::Write).unwrap();
         let names: Vec<_> = files.iter().map(|path| path.file_name().unwrap().to_str().unwrap()).collect();
         assert_eq!(names, ["body_000000.ply", "body_000001.ply", "body_000002.ply", "rest.ply"]);
-        for frame in 0..3 {
-            let mesh = read_mesh(&files[frame]).unwrap();
-            let expected: Vec<DVec3> =
-                fit.posed_vertices(frame).iter().map(|v| fit.sequence.input_frame.to_input(*v)).collect();
+        for (frame, file) in files[..3].iter().enumerate() {
+            let mesh = read_mesh(file).unwrap();
+            let scale = if frame == 2 { 1.5 } else { 1.0 };
+            let to_capture = |v: &DVec3| fit.sequence.input_frame.to_input(*v) * scale;
+            let expected: Vec<DVec3> = fit.posed_vertices(frame).iter().map(to_capture).collect();
             assert_eq!(mesh.faces(), fit.rig.faces);
             // Millimetres as 32-bit floats.
             assert!(largest_distance(mesh.positions(), &expected) < 1e-3);

@@ -1,5 +1,7 @@
 //! A made-up fitted sequence of the figure of tubes, in millimetres, z up: for tests of files and exports.
 
+use std::f64::consts::FRAC_PI_2;
+
 use glam::{DMat3, DVec3};
 use nalgebra::DMatrix;
 
@@ -16,7 +18,7 @@ pub(crate) fn rigged_sequence(frame_count: usize) -> RiggedSequence {
     let rest_joints = model.joints(&rest_vertices);
     let input_frame = InputFrame {
         metres_per_unit: 0.001,
-        internal_from_input: DMat3::from_rotation_y(0.4) * DMat3::from_rotation_x(-1.5707963),
+        internal_from_input: DMat3::from_rotation_y(0.4) * DMat3::from_rotation_x(-FRAC_PI_2),
         report: vec!["millimetres, z up".into()],
     };
     let frames = (0..frame_count)
@@ -39,6 +41,7 @@ pub(crate) fn rigged_sequence(frame_count: usize) -> RiggedSequence {
                 outside_share_5mm: 0.01,
                 outside_mean: 2e-4,
                 energy: 3e-5,
+                capture_scale: if frame == 2 { 1.5 } else { 1.0 },
                 seconds: 0.02,
             }
         })

@@ -111,8 +111,7 @@ mod tests {
         let (hierarchy, motion) = text.split_once("MOTION\n").unwrap();
         let mut joints: Vec<(String, DVec3, Option<usize>)> = Vec::new();
         let mut open: Vec<Option<usize>> = Vec::new();
-        let mut lines = hierarchy.lines().map(str::trim);
-        while let Some(line) = lines.next() {
+        for line in hierarchy.lines() {
             let mut words = line.split_whitespace();
             match words.next() {
                 Some("ROOT" | "JOINT") => {

@@ -1,16 +1,20 @@
 //! Files of a fitted sequence in the input's own frame and unit: `fit.npz` and `landmarks.csv`.
 //!
 //! A plain reader needs no body model: skinning the stored rest vertices with the stored poses gives the body in
-//! the input's coordinates. Rest vertices keep the model's axes (y up), only their unit is the input's.
+//! the input's coordinates. Rest vertices keep the model's axes (y up), only their unit is the input's. Where a frame's
+//! capture has another scale than the sequence (`capture_scale` is not 1), the arrays keep the sequence's scale, and
+//! the frame's own file is that factor larger.
+
+mod records;
+#[cfg(test)]
+mod tests;
 
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 use nalgebra::DMatrix;
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::codes::Code;
 use super::csv::CsvText;
 use super::fitted_sequence::{FittedFrame, FittedSequence, InputFrame, Landmark};
 use super::npz::{NpzError, NpzReader, NpzWriter};
@@ -20,6 +24,7 @@ use super::rigged_sequence::{
 use super::write_atomically;
 use crate::body::ModelFileError;
 use crate::body::file::{read_skeleton, read_skin};
+use records::{FileHeader, FitMetadata};
 
 const FORMAT: &str = "habitus-fit";
 const VERSION: u32 = 1;
@@ -77,51 +82,6 @@ pub enum FitFileError {
     },
 }
 
-#[derive(Serialize, Deserialize)]
-struct FileHeader {
-    format: String,
-    version: u32,
-    #[serde(flatten)]
-    contents: serde_json::Value,
-}
-
-#[derive(Serialize, Deserialize)]
-struct FitMetadata {
-    model: ModelRecord,
-    bones: Vec<String>,
-    axes: Vec<String>,
-    landmarks: Vec<String>,
-    input_frame: InputFrameRecord,
-    codes: Vec<Code>,
-    frames: Vec<FrameRecord>,
-}
-
-#[derive(Serialize, Deserialize)]
-struct ModelRecord {
-    name: String,
-    license: String,
-}
-
-#[derive(Serialize, Deserialize)]
-struct InputFrameRecord {
-    metres_per_unit: f64,
-    /// Row by row.
-    internal_from_input: [[f64; 3]; 3],
-    report: Vec<String>,
-}
-
-/// Lengths in metres, as everywhere but in the arrays; a number that is not finite is stored as null.
-#[derive(Serialize, Deserialize)]
-struct FrameRecord {
-    name: String,
-    codes: Vec<Code>,
-    inlier_share: Option<f64>,
-    outside_share_5mm: Option<f64>,
-    outside_mean: Option<f64>,
-    energy: Option<f64>,
-    seconds: Option<f64>,
-}
-
 /// Writes `fit.npz`.
 pub fn write_fit(path: &Path, fit: &RiggedSequence) -> Result<(), FitFileError> {
     let (sequence, rig) = (&fit.sequence, &fit.rig);
@@ -133,7 +93,7 @@ pub fn write_fit(path: &Path, fit: &RiggedSequence) -> Result<(), FitFileError> 
     let header = FileHeader {
         format: FORMAT.into(),
         version: VERSION,
-        contents: serde_json::to_value(metadata(fit)).unwrap_or_default(),
+        contents: serde_json::to_value(FitMetadata::of(fit)).unwrap_or_default(),
     };
     file.add_text("metadata", &serde_json::to_string(&header).unwrap_or_default());
 
@@ -154,6 +114,8 @@ pub fn write_fit(path: &Path, fit: &RiggedSequence) -> Result<(), FitFileError> 
     file.add("pose", &[frame_count, rig.skeleton.pose_length()], &poses.concat());
     let ok: Vec<u8> = sequence.frames.iter().map(|frame| u8::from(frame.is_ok())).collect();
     file.add("frame_ok", &[frame_count], &ok);
+    let scales: Vec<f64> = sequence.frames.iter().map(|frame| frame.capture_scale).collect();
+    file.add("capture_scale", &[frame_count], &scales);
 
     let in_unit = |points: &[DVec3]| flat(points.iter().map(|point| *point / unit));
     file.add("rest_vertices", &[sequence.rest_vertices.len(), 3], &in_unit(&sequence.rest_vertices));
@@ -196,36 +158,6 @@ fn add_rig(file: &mut NpzWriter, rig: &Rig) {
     file.add("axis_limits", &[axes.len(), 2], &limits);
 }
 
-fn metadata(fit: &RiggedSequence) -> FitMetadata {
-    let (sequence, rig) = (&fit.sequence, &fit.rig);
-    let finite = |value: f64| value.is_finite().then_some(value);
-    FitMetadata {
-        model: ModelRecord { name: rig.model_name.clone(), license: rig.model_license.clone() },
-        bones: rig.skeleton.bones().iter().map(|bone| bone.name.clone()).collect(),
-        axes: rig.skeleton.axes().iter().map(|axis| axis.name.clone()).collect(),
-        landmarks: rig.landmarks.clone(),
-        input_frame: InputFrameRecord {
-            metres_per_unit: sequence.input_frame.metres_per_unit,
-            internal_from_input: sequence.input_frame.internal_from_input.transpose().to_cols_array_2d(),
-            report: sequence.input_frame.report.clone(),
-        },
-        codes: sequence.codes.clone(),
-        frames: sequence
-            .frames
-            .iter()
-            .map(|frame| FrameRecord {
-                name: frame.name.clone(),
-                codes: frame.codes.clone(),
-                inlier_share: finite(frame.inlier_share),
-                outside_share_5mm: finite(frame.outside_share_5mm),
-                outside_mean: finite(frame.outside_mean),
-                energy: finite(frame.energy),
-                seconds: finite(frame.seconds),
-            })
-            .collect(),
-    }
-}
-
 /// A file that cannot be read again must not be written.
 fn check_before_writing(fit: &RiggedSequence) -> Result<(), String> {
     let (sequence, rig) = (&fit.sequence, &fit.rig);
@@ -257,6 +189,9 @@ fn check_before_writing(fit: &RiggedSequence) -> Result<(), String> {
             .landmarks
             .iter()
             .all(|landmark| landmark.position.is_finite() && landmark.confidence.is_finite());
+        if !is_scale(frame.capture_scale) {
+            return Err(format!("frame '{name}' has the capture scale {}", frame.capture_scale));
+        }
         if !frame.pose.iter().copied().all(f64::is_finite) || !landmarks_are_finite {
             return Err(format!("frame '{name}' has a pose or a landmark that is not finite"));
         }
@@ -264,8 +199,12 @@ fn check_before_writing(fit: &RiggedSequence) -> Result<(), String> {
     Ok(())
 }
 
+fn is_scale(factor: f64) -> bool {
+    factor.is_finite() && factor > 0.0
+}
+
 fn check_input_frame(frame: &InputFrame) -> Result<(), String> {
-    if !(frame.metres_per_unit.is_finite() && frame.metres_per_unit > 0.0) {
+    if !is_scale(frame.metres_per_unit) {
         return Err(format!("the input's unit of {} m must be positive", frame.metres_per_unit));
     }
     let rotation = frame.internal_from_input;
@@ -284,11 +223,7 @@ pub fn read_fit(path: &Path) -> Result<RiggedSequence, FitFileError> {
 fn read_fit_bytes(bytes: Vec<u8>, path: &Path) -> Result<RiggedSequence, FitFileError> {
     let mut file = NpzReader::new(bytes, path)?;
     let metadata = read_metadata(&mut file, path)?;
-    let input_frame = InputFrame {
-        metres_per_unit: metadata.input_frame.metres_per_unit,
-        internal_from_input: DMat3::from_cols_array_2d(&metadata.input_frame.internal_from_input).transpose(),
-        report: metadata.input_frame.report.clone(),
-    };
+    let input_frame = metadata.input_frame.to_input_frame();
     check_input_frame(&input_frame)
         .map_err(|reason| FitFileError::Inconsistent { path: path.to_path_buf(), reason })?;
     let unit = input_frame.metres_per_unit;
@@ -372,6 +307,11 @@ fn read_frames(
         .map(|pose| pose_in_internal_frame(input_frame, root_joint, pose))
         .collect();
     unwind_root_rotations(&mut poses);
+    let scales = file.floats("capture_scale")?;
+    file.expect_shape("capture_scale", &scales, &[Some(frame_count)])?;
+    if scales.values.iter().any(|scale| !is_scale(*scale)) {
+        return Err(file.invalid("capture_scale", "has a factor that is not positive".into()).into());
+    }
     let shape = [Some(frame_count), Some(landmark_count), Some(3)];
     let positions = read_points(file, "landmarks", &shape, |point| input_frame.to_internal(point))?;
     let confidence = file.floats("landmark_confidence")?;
@@ -385,7 +325,8 @@ fn read_frames(
         .frames
         .iter()
         .zip(poses)
-        .map(|(record, pose)| FittedFrame {
+        .zip(scales.values)
+        .map(|((record, pose), capture_scale)| FittedFrame {
             name: record.name.clone(),
             pose,
             landmarks: landmarks.by_ref().take(landmark_count).collect(),
@@ -394,6 +335,7 @@ fn read_frames(
             outside_share_5mm: number(record.outside_share_5mm),
             outside_mean: number(record.outside_mean),
             energy: number(record.energy),
+            capture_scale,
             seconds: number(record.seconds),
         })
         .collect())
@@ -410,12 +352,13 @@ fn read_points(
     Ok(array.values.chunks_exact(3).map(|point| convert(DVec3::from_slice(point))).collect())
 }
 
-/// Writes `landmarks.csv`: `frame,landmark,x,y,z,confidence` in the input's frame and unit.
+/// Writes `landmarks.csv`: `frame,landmark,x,y,z,confidence` in the input's frame and unit, at the scale of each
+/// frame's own capture.
 pub fn write_landmarks(path: &Path, fit: &RiggedSequence) -> Result<(), FitFileError> {
     let mut table = CsvText::with_header(&["frame", "landmark", "x", "y", "z", "confidence"]);
     for frame in &fit.sequence.frames {
         for (name, landmark) in fit.rig.landmarks.iter().zip(&frame.landmarks) {
-            let position = fit.sequence.input_frame.to_input(landmark.position);
+            let position = fit.sequence.input_frame.to_input(landmark.position) * frame.capture_scale;
             let numbers = [position.x, position.y, position.z].map(|value| value.to_string());
             let [x, y, z] = &numbers;
             table.add_row([&frame.name, name, x, y, z, &format!("{:.3}", landmark.confidence)]);
@@ -424,6 +367,3 @@ pub fn write_landmarks(path: &Path, fit: &RiggedSequence) -> Result<(), FitFileE
     write_atomically(path, table.into_text().as_bytes())
         .map_err(|source| FitFileError::Unwritable { path: path.to_path_buf(), source })
 }
-
-#[cfg(test)]
-mod tests;

@@ -37,6 +37,7 @@ fn writing_and_reading_changes_nothing_beyond_rounding() {
     assert_eq!(a.frames.len(), b.frames.len());
     for (index, (x, y)) in a.frames.iter().zip(&b.frames).enumerate() {
         assert_eq!((&x.name, &x.codes, x.energy, x.seconds), (&y.name, &y.codes, y.energy, y.seconds));
+        assert_eq!(x.capture_scale, y.capture_scale);
         // The sequence turns past π: the file's rotation vectors are unwound, so even the numbers come back.
         let worst = x.pose.iter().zip(&y.pose).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(worst < 1e-9, "frame {index}: pose differs by {worst}");
@@ -147,6 +148,7 @@ fn the_stated_arrays_are_there_with_their_shapes() {
         ("landmarks", vec![3, 14, 3]),
         ("landmark_confidence", vec![3, 14]),
         ("frame_ok", vec![3]),
+        ("capture_scale", vec![3]),
         ("skin_bones", vec![vertex_count, 4]),
         ("skin_weights", vec![vertex_count, 4]),
         ("bone_parents", vec![15]),
@@ -205,6 +207,7 @@ fn a_fit_that_could_not_be_read_again_is_not_written() {
     refused(|sequence| sequence.frames[1].pose[4] = f64::NAN, "take, 0001.ply");
     refused(|sequence| sequence.frames[1].pose.truncate(12), "take, 0001.ply");
     refused(|sequence| sequence.frames[0].landmarks.clear(), "take, 0000.ply");
+    refused(|sequence| sequence.frames[0].capture_scale = 0.0, "scale");
     refused(|sequence| sequence.rest_vertices[3].x = f64::INFINITY, "rest body");
     refused(|sequence| sequence.input_frame.metres_per_unit = 0.0, "unit");
     refused(|sequence| sequence.input_frame.internal_from_input.x_axis *= -1.0, "rotation");
