@@ -32,6 +32,7 @@ class Stage {
     this.camera = new OrbitCamera(this.canvas, this.height * 0.6, () => this.request());
     this.home = this.root(first);
     this.camera.yaw = this.facing(first) + 0.45;
+    this.canvas.addEventListener("webglcontextlost", () => showFallback("The browser has taken the graphics card away from this page; load the page again to have the 3D view back."));
     new ResizeObserver(() => this.resize()).observe(this.canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.readColors());
     this.readColors();
@@ -306,6 +307,11 @@ const readLink = () => {
   showFrame(Number.isInteger(frame) && frame >= 0 && frame < report.frames.length ? frame : 0);
 };
 
+const showFallback = (text) => {
+  Object.assign(element("viewer-fallback"), { hidden: false, textContent: text });
+  element("viewer").classList.add("without-webgl");
+};
+
 const start = () => {
   wirePlots();
   wireRows();
@@ -316,10 +322,8 @@ const start = () => {
       stage = new Stage();
       wireViewer();
     } catch (error) {
-      const message = element("viewer-fallback");
-      message.hidden = false;
-      message.textContent = `The 3D view needs WebGL2, which this browser does not offer here (${error.message}). All curves and tables below work without it.`;
-      element("viewer").classList.add("without-webgl");
+      stage = null;
+      showFallback(`The 3D view cannot start here (${error.message}). It needs WebGL2; all curves and tables work without it.`);
       outcome = "without-3d";
     }
   }

@@ -47,7 +47,7 @@ impl Layer {
 
     /// A translucent, smooth layer whose outline stays visible.
     pub fn translucent(positions: Vec<DVec3>, faces: Vec<[u32; 3]>, paint: Paint, opacity: f64) -> Self {
-        let edge_opacity = (opacity + 0.45).min(0.95).max(opacity);
+        let edge_opacity = (opacity + 0.55).min(0.95).max(opacity);
         Self { positions, faces, paint, opacity, edge_opacity, smoothness: Smoothness::Smooth }
     }
 

@@ -82,8 +82,10 @@ pub struct FrameSummary {
     pub energies: Vec<(String, f64)>,
     /// Clearance from body to capture in mm, if known; negative: the body is outside.
     pub clearance_mm: Option<Percentiles>,
-    /// Share 0–1 of the body's vertices that lie outside the capture, if known.
+    /// Share 0–1 of the body's vertices more than 5 mm outside the capture, if known.
     pub outside_share: Option<f64>,
+    /// Share 0–1 of the body's vertices with a compatible point on the capture, if known.
+    pub inlier_share: Option<f64>,
 }
 
 /// What a code means.

@@ -8,6 +8,8 @@ use super::CaptureView;
 
 /// Trials of the search for the cell size; each halves the interval.
 const SEARCH_STEPS: usize = 12;
+/// Share of the limit at which the search is content.
+const GOOD_SHARE: f64 = 0.95;
 
 /// The capture with at most `vertex_limit` vertices; vertices that are not finite are left out with their faces.
 pub(crate) fn decimated(capture: &CaptureView, vertex_limit: usize) -> CaptureView {
@@ -34,6 +36,9 @@ pub(crate) fn decimated(capture: &CaptureView, vertex_limit: usize) -> CaptureVi
         keys.dedup();
         if keys.len() <= vertex_limit {
             coarse = middle;
+            if keys.len() as f64 >= GOOD_SHARE * vertex_limit as f64 {
+                break;
+            }
         } else {
             fine = middle;
         }

@@ -22,7 +22,9 @@ pub use data::{
     BodyCurve, BodyView, CaptureView, CodeMeaning, FrameSummary, FrameView, Headline, IdentityCoefficient,
     LandmarkView, MeasurementRow, ModelView, Percentiles, ReportData, ReportOptions, Timing, TruthRow,
 };
+pub(crate) use decimate::decimated;
 pub use page::page;
+pub(crate) use plan::view_frames;
 
 /// Why a report could not be written.
 #[derive(Debug, Error)]

@@ -168,7 +168,7 @@ fn provenance(data: &ReportData) -> String {
 fn stage(data: &ReportData, viewer: Option<&Viewer>) -> String {
     let list = tables::frame_list(&data.frames);
     let notice = match (viewer, data.model.as_ref()) {
-        (Some(viewer), Some(model)) => selection_notice(&viewer.plan, model),
+        (Some(viewer), Some(model)) => selection_notice(&viewer.plan, model, data.frames.len()),
         (None, Some(model)) if !model.frames.is_empty() => {
             "The size limit of this page leaves no room for the 3D view; raise the limit to have it."
                 .to_owned()
@@ -188,13 +188,13 @@ fn stage(data: &ReportData, viewer: Option<&Viewer>) -> String {
     )
 }
 
-fn selection_notice(plan: &Plan, model: &ModelView) -> String {
+fn selection_notice(plan: &Plan, model: &ModelView, frame_count: usize) -> String {
     let mut notice = String::new();
-    if plan.selected.len() < model.frames.len() {
+    if plan.selected.len() < frame_count {
         notice = format!(
             "The 3D view holds {} of {} frames, evenly chosen, to keep this page small; curves and tables hold all frames. ",
             plan.selected.len(),
-            model.frames.len()
+            frame_count
         );
     }
     let largest = model.frames.iter().map(|view| view.capture.positions.len()).max().unwrap_or(0);

@@ -19,7 +19,7 @@ pub(crate) struct Plan {
 /// The plan for this many bytes of page; nothing is selected when not even one frame fits.
 pub(crate) fn plan(model: &ModelView, available: usize, options: &ReportOptions) -> Plan {
     let frame_count = model.frames.len();
-    let fixed = base64_size(model.body.joints.len() * 48 + model.body.rest_vertices.len()) + FRAME_OVERHEAD;
+    let fixed = fixed_size(model.body.joints.len(), model.body.rest_vertices.len());
     let largest = model.frames.iter().map(|view| view.capture.positions.len()).max().unwrap_or(0);
     let wanted = largest.min(options.capture_vertex_limit);
     let floor = wanted.min(options.capture_vertex_floor);
@@ -33,6 +33,24 @@ pub(crate) fn plan(model: &ModelView, available: usize, options: &ReportOptions)
     Plan { selected: even_selection(frame_count, count), capture_vertices }
 }
 
+/// Frames that a page can show at most, evenly chosen: it need not keep the captures of others.
+pub(crate) fn view_frames(
+    frame_count: usize,
+    bone_count: usize,
+    vertex_count: usize,
+    options: &ReportOptions,
+) -> Vec<usize> {
+    let capture_vertices = options.capture_vertex_floor.min(options.capture_vertex_limit);
+    let least =
+        fixed_size(bone_count, vertex_count) + base64_size(capture_vertices * BYTES_PER_CAPTURE_VERTEX);
+    even_selection(frame_count, (options.size_limit / least).clamp(frame_count.min(1), frame_count))
+}
+
+/// Bytes of page for a frame without its capture.
+fn fixed_size(bone_count: usize, vertex_count: usize) -> usize {
+    base64_size(bone_count * 48 + vertex_count) + FRAME_OVERHEAD
+}
+
 /// Bytes of base64 text for bytes of data.
 pub(crate) fn base64_size(bytes: usize) -> usize {
     bytes.div_ceil(3) * 4
@@ -40,8 +58,8 @@ pub(crate) fn base64_size(bytes: usize) -> usize {
 
 /// `count` numbers below `total`, evenly spread, with the first and the last.
 fn even_selection(total: usize, count: usize) -> Vec<usize> {
-    if count == 1 {
-        return vec![0];
+    if count <= 1 {
+        return vec![0; count];
     }
     (0..count).map(|i| (i * (total - 1) + (count - 1) / 2) / (count - 1)).collect()
 }

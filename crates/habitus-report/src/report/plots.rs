@@ -60,7 +60,16 @@ pub(crate) fn plots(data: &ReportData) -> Vec<Plot> {
     };
     if data.frames.iter().any(|frame| frame.outside_share.is_some()) {
         let values = column(&|f| f.outside_share.map(|share| 100.0 * share));
-        plots.push(single("Body outside the capture", "%", "share of the body's vertices", values));
+        plots.push(single(
+            "Body outside the capture",
+            "%",
+            "share of vertices more than 5 mm outside",
+            values,
+        ));
+    }
+    if data.frames.iter().any(|frame| frame.inlier_share.is_some()) {
+        let values = column(&|f| f.inlier_share.map(|share| 100.0 * share));
+        plots.push(single("Inliers", "%", "share of vertices with a compatible point", values));
     }
     let mut names: Vec<&str> = Vec::new();
     for (name, _) in data.frames.iter().flat_map(|frame| &frame.energies) {

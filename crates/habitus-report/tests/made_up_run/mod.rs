@@ -118,6 +118,7 @@ fn summary(frame: usize, frame_count: usize) -> FrameSummary {
             p95: middle + 44.0 + 8.0 * (2.0 * wave).cos(),
         }),
         outside_share: Some(0.021 + 0.012 * (2.0 * wave).sin()),
+        inlier_share: Some(0.82 + 0.05 * wave.cos()),
     }
 }
 
