@@ -1,5 +1,7 @@
 //! Typed codes: why a frame or a sequence should not be trusted blindly. No wrong body goes out unmarked.
 
+mod advice;
+
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
@@ -30,6 +32,8 @@ pub enum Code {
     IdentityAtLimit,
     /// The pose jumps from the frame before by more than a person can move.
     TemporalJump,
+    /// The capture of this frame has another scale than the others; it was brought to theirs before fitting.
+    CaptureRescaled,
     /// The solver reached its iteration limit or could not descend.
     NotConverged,
     /// Large parts of the capture belong to something else: an object, or another person.
@@ -67,6 +71,7 @@ impl Code {
             Self::AmbiguousFacing => "ambiguous_facing",
             Self::IdentityAtLimit => "identity_at_limit",
             Self::TemporalJump => "temporal_jump",
+            Self::CaptureRescaled => "capture_rescaled",
             Self::NotConverged => "not_converged",
             Self::ForeignObject => "foreign_object",
             Self::UncertainFrameOfReference => "uncertain_frame_of_reference",

@@ -57,6 +57,9 @@ pub struct FittedFrame {
     pub outside_mean: f64,
     /// Energy per vertex at the end, in square metres.
     pub energy: f64,
+    /// How much larger this frame's capture is than the rest of the sequence; the body lies in the capture divided by
+    /// this factor. 1 unless frames were exported at different scales.
+    pub capture_scale: f64,
     /// Seconds spent on the frame; the library keeps no clock, whoever does fills it in.
     pub seconds: f64,
 }

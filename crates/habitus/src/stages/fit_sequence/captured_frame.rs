@@ -13,6 +13,8 @@ pub(super) struct FitFromInput {
     pub scale: f64,
     pub rotation: DMat3,
     pub translation: DVec3,
+    /// `size_of` the sequence's captures, in the input's unit.
+    pub usual_size: f64,
 }
 
 impl FitFromInput {
@@ -34,6 +36,42 @@ pub(super) struct CapturedFrame {
     pub samples: Vec<CaptureSample>,
     /// Lowest and highest corner of the capture.
     pub bounds: [DVec3; 2],
+    /// Mean of the samples.
+    pub middle: DVec3,
+    /// How much larger the capture was than the rest of the sequence before it was brought to the same size.
+    pub capture_scale: f64,
+}
+
+/// A size of a capture that hardly depends on the pose: the root of a mesh's area, the spread of a cloud.
+pub(super) fn size_of(surface: &Surface) -> f64 {
+    match surface {
+        Surface::Mesh(mesh) => {
+            let area = |face: &[u32; 3]| {
+                let [a, b, c] = face.map(|vertex| mesh.positions()[vertex as usize]);
+                0.5 * (b - a).cross(c - a).length()
+            };
+            mesh.faces().iter().map(area).sum::<f64>().sqrt()
+        }
+        Surface::Cloud(cloud) => {
+            let count = cloud.positions().len().max(1) as f64;
+            let middle = cloud.positions().iter().copied().sum::<DVec3>() / count;
+            let squares: f64 = cloud.positions().iter().map(|p| p.distance_squared(middle)).sum();
+            (squares / count).sqrt()
+        }
+    }
+}
+
+/// A capture that is this much larger or smaller than the others has been exported at another scale.
+const SCALE_JUMP: f64 = 1.5;
+
+/// The factor by which a capture is larger than it should be; 1 unless it jumps.
+fn capture_scale(surface: &Surface, usual_size: f64) -> f64 {
+    let ratio = size_of(surface) / usual_size;
+    if ratio.is_finite() && !(1.0 / SCALE_JUMP..=SCALE_JUMP).contains(&ratio) && ratio > 0.0 {
+        ratio
+    } else {
+        1.0
+    }
 }
 
 impl CapturedFrame {
@@ -45,8 +83,11 @@ impl CapturedFrame {
         seed: u64,
         name: &str,
     ) -> Result<Self, FitSequenceError> {
+        let capture_scale = capture_scale(&surface, fit_from_input.usual_size);
+        let rescaled = FitFromInput { scale: fit_from_input.scale / capture_scale, ..*fit_from_input };
+        let fit_from_input = &rescaled;
         match surface {
-            Surface::Mesh(mesh) => Self::of_mesh(mesh, fit_from_input, config, seed, name),
+            Surface::Mesh(mesh) => Self::of_mesh(mesh, fit_from_input, config, seed, name, capture_scale),
             Surface::Cloud(cloud) => {
                 let positions: Vec<DVec3> =
                     cloud.positions().iter().map(|point| fit_from_input.apply(*point)).collect();
@@ -59,15 +100,17 @@ impl CapturedFrame {
                 }
                 let normals = match cloud.normals() {
                     Some(normals) => normals.iter().map(|normal| fit_from_input.rotation * *normal).collect(),
-                    None => vec![DVec3::Y; positions.len()], // PENDING estimate_cloud_normals(&positions, config.normal_neighbours)
+                    None => habitus_geometry::estimate_cloud_normals(&positions, config.normal_neighbours),
                 };
                 let stride = positions.len().div_ceil(config.sample_count.max(1)).max(1);
                 let samples = (0..positions.len())
                     .step_by(stride)
                     .map(|i| CaptureSample { position: positions[i], normal: normals[i] })
-                    .collect();
+                    .collect::<Vec<_>>();
+                let middle = middle_of(&samples);
                 let bounds = bounds_of(&positions);
-                Ok(Self { index: SurfaceIndex::of_cloud(&positions, &normals), samples, bounds })
+                let index = SurfaceIndex::of_cloud(&positions, &normals);
+                Ok(Self { index, samples, bounds, middle, capture_scale })
             }
         }
     }
@@ -78,6 +121,7 @@ impl CapturedFrame {
         config: &FrameConfig,
         seed: u64,
         name: &str,
+        capture_scale: f64,
     ) -> Result<Self, FitSequenceError> {
         let (mut positions, faces) = mesh.into_parts();
         for position in &mut positions {
@@ -100,8 +144,13 @@ impl CapturedFrame {
             .collect();
         let used: Vec<DVec3> =
             mesh.faces().iter().flatten().map(|vertex| mesh.positions()[*vertex as usize]).collect();
-        Ok(Self { index: SurfaceIndex::of_mesh(&mesh), samples, bounds: bounds_of(&used) })
+        let middle = middle_of(&samples);
+        Ok(Self { index: SurfaceIndex::of_mesh(&mesh), samples, bounds: bounds_of(&used), middle, capture_scale })
     }
+}
+
+fn middle_of(samples: &[CaptureSample]) -> DVec3 {
+    samples.iter().map(|sample| sample.position).sum::<DVec3>() / samples.len().max(1) as f64
 }
 
 /// A person needs at least this many triangles or points to be told from noise.

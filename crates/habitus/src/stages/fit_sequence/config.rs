@@ -157,15 +157,16 @@ impl Default for StartConfig {
             coarse_sample_count: 320,
             component_count: 6,
             halvings: vec![
-                Halving { steps: 4, keep: 48 },
-                Halving { steps: 5, keep: 20 },
-                Halving { steps: 8, keep: 8 },
+                Halving { steps: 0, keep: 80 },
+                Halving { steps: 4, keep: 32 },
+                Halving { steps: 5, keep: 14 },
+                Halving { steps: 8, keep: 6 },
                 Halving { steps: 15, keep: 4 },
             ],
             robust_scale: [0.25, 0.06],
             pose_stiffness: 1e-4,
             identity_stiffness: 2e-6,
-            trial_frames: 8,
+            trial_frames: 5,
             rival_ratio: 1.35,
         }
     }
@@ -195,7 +196,7 @@ impl Default for SurfaceConfig {
     fn default() -> Self {
         Self {
             compatibility: CompatibilityRules::default(),
-            outside_weight: 1.0,
+            outside_weight: 3.0,
             inside_weight: 0.35,
             inside_scale: 0.03,
             outside_scale: 0.12,
@@ -269,10 +270,20 @@ pub struct RefineConfig {
     pub clearance_tolerance: f64,
     /// Weight of the attraction of covered vertices to the cloth at their smallest clearance.
     pub contact_weight: f64,
-    /// Geman–McClure scale of that attraction.
-    pub contact_scale: f64,
+    /// Geman–McClure scale of that attraction in the first and in the last pass. A body that starts too thin must
+    /// still feel the cloth around it, or it stays thin.
+    pub contact_scale: [f64; 2],
     /// Pose rounds of the final pass over all frames.
     pub final_rounds: usize,
+}
+
+impl RefineConfig {
+    /// The contact scale of a pass, shrinking geometrically.
+    pub fn contact_scale(&self, pass: usize, passes: usize) -> f64 {
+        let [first, last] = self.contact_scale;
+        let share = pass as f64 / passes.saturating_sub(1).max(1) as f64;
+        first * (last / first).powf(share)
+    }
 }
 
 impl Default for RefineConfig {
@@ -288,7 +299,7 @@ impl Default for RefineConfig {
             smoothness: 2e-5,
             clearance_tolerance: 0.008,
             contact_weight: 0.5,
-            contact_scale: 0.02,
+            contact_scale: [0.08, 0.02],
             final_rounds: 3,
         }
     }

@@ -248,6 +248,7 @@ impl<'a> Stage<'a> {
                 &mut poses,
                 &prior,
                 clearance.as_deref(),
+                self.config.refine.contact_scale(pass, passes),
                 &self.config.refine,
             )?;
             track.identity = step.identity;
@@ -356,10 +357,15 @@ impl<'a> Stage<'a> {
                 outside_mean: 0.0,
                 energy: 0.0,
                 seconds: 0.0,
+                capture_scale: 1.0,
             };
             return (fitted, Vec::new());
         };
         let mut codes = quality.codes;
+        let capture_scale = track.frames[frame].capture_scale;
+        if capture_scale != 1.0 {
+            codes.push(Code::CaptureRescaled);
+        }
         if before.is_some_and(|before| is_temporal_jump(&pose, &before.pose, &self.config.codes)) {
             codes.push(Code::TemporalJump);
         }
@@ -376,6 +382,7 @@ impl<'a> Stage<'a> {
             outside_mean: quality.outside_mean,
             energy,
             seconds: 0.0,
+            capture_scale,
         };
         (fitted, quality.clearance)
     }

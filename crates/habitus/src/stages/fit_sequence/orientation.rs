@@ -5,7 +5,7 @@ use habitus_geometry::Surface;
 use serde::{Deserialize, Serialize};
 
 use super::FitSequenceError;
-use super::captured_frame::{FitFromInput, bounds_of};
+use super::captured_frame::{FitFromInput, bounds_of, size_of};
 use super::config::{FitSequenceConfig, UnitChoice, UpChoice};
 use crate::artifacts::fitted_sequence::InputFrame;
 use crate::artifacts::frames::FrameSource;
@@ -29,12 +29,13 @@ mod fit_from_input_form {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     pub fn serialize<S: Serializer>(value: &FitFromInput, serializer: S) -> Result<S::Ok, S::Error> {
-        (value.scale, value.rotation, value.translation).serialize(serializer)
+        (value.scale, value.rotation, value.translation, value.usual_size).serialize(serializer)
     }
 
     pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<FitFromInput, D::Error> {
-        let (scale, rotation, translation) = <(f64, DMat3, DVec3)>::deserialize(deserializer)?;
-        Ok(FitFromInput { scale, rotation, translation })
+        let (scale, rotation, translation, usual_size) =
+            <(f64, DMat3, DVec3, f64)>::deserialize(deserializer)?;
+        Ok(FitFromInput { scale, rotation, translation, usual_size })
     }
 }
 
@@ -88,7 +89,7 @@ pub(super) fn candidates(
     source: &dyn FrameSource,
     config: &FitSequenceConfig,
 ) -> Result<Vec<Orientation>, FitSequenceError> {
-    let probes = probe(source)?;
+    let (probes, usual_size) = probe(source)?;
     let longest = DVec3::AXES
         .into_iter()
         .map(|axis| extents(&probes, axis))
@@ -108,7 +109,9 @@ pub(super) fn candidates(
         .into_iter()
         .map(|up| {
             let report = vec![unit_report.clone(), format!("up is {}", axis_name(up))];
-            orientation(&probes[0], metres_per_unit, up, unit_is_certain, report)
+            let mut found = orientation(&probes[0], metres_per_unit, up, unit_is_certain, report);
+            found.fit_from_input.usual_size = usual_size;
+            found
         })
         .collect())
 }
@@ -139,15 +142,22 @@ fn orientation(
     Orientation {
         metres_per_unit,
         internal_from_input,
-        fit_from_input: FitFromInput { scale: metres_per_unit, rotation, translation: -(turn * center) },
+        fit_from_input: FitFromInput {
+            scale: metres_per_unit,
+            rotation,
+            translation: -(turn * center),
+            usual_size: f64::NAN,
+        },
         is_certain,
         report,
     }
 }
 
-fn probe(source: &dyn FrameSource) -> Result<Vec<Vec<DVec3>>, FitSequenceError> {
+/// Points of some frames, the first readable one first, and the median of their sizes.
+fn probe(source: &dyn FrameSource) -> Result<(Vec<Vec<DVec3>>, f64), FitSequenceError> {
     let count = source.len();
     let mut probes = Vec::new();
+    let mut sizes = Vec::new();
     let mut first_error = None;
     for frame in 0..count {
         // The first readable frame sets the coordinates; later ones are spread over the sequence.
@@ -155,15 +165,18 @@ fn probe(source: &dyn FrameSource) -> Result<Vec<Vec<DVec3>>, FitSequenceError> 
             continue;
         }
         match source.surface(frame) {
-            Ok(surface) => probes.push(points_of(&surface)),
+            Ok(surface) => {
+                sizes.push(size_of(&surface));
+                probes.push(points_of(&surface));
+            }
             Err(error) => {
                 first_error.get_or_insert(error);
             }
         }
     }
-    probes.retain(|points| !points.is_empty());
+    sizes.sort_by(f64::total_cmp);
     match (probes.is_empty(), first_error) {
-        (false, _) => Ok(probes),
+        (false, _) => Ok((probes, sizes[sizes.len() / 2])),
         (true, Some(error)) => Err(error.into()),
         (true, None) => Err(FitSequenceError::NoUsableFrame),
     }

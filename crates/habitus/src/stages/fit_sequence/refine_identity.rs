@@ -33,6 +33,14 @@ struct FrameShare {
     vertex_count: usize,
 }
 
+/// How covered vertices are drawn to the cloth in a pass.
+struct Contact<'a> {
+    /// Smallest clearance of each vertex in the pass before, in metres.
+    earlier_clearance: Option<&'a [f64]>,
+    /// Geman–McClure scale of the attraction, in metres.
+    scale: f64,
+}
+
 /// The identity after a pass, with the curvature of the energy there.
 pub(super) struct IdentityStep {
     pub identity: Vec<f64>,
@@ -54,6 +62,7 @@ pub(super) fn refine_pass(
     poses: &mut [Vec<f64>],
     prior: &(dyn Fn(usize) -> AnglePrior + Sync),
     earlier_clearance: Option<&[f64]>,
+    contact_scale: f64,
     config: &RefineConfig,
 ) -> Result<IdentityStep, FitSequenceError> {
     let body = &solver.fine;
@@ -71,7 +80,8 @@ pub(super) fn refine_pass(
                 None => Ok(None),
                 Some(capture) => {
                     let start = poses[*frame].clone();
-                    frame_share(solver, &capture, start, &prior(*frame), earlier_clearance, config).map(Some)
+                    let contact = Contact { earlier_clearance, scale: contact_scale };
+                    frame_share(solver, &capture, start, &prior(*frame), &contact, config).map(Some)
                 }
             })
             .collect();
@@ -132,7 +142,7 @@ fn frame_share(
     capture: &CapturedFrame,
     start: Vec<f64>,
     prior: &AnglePrior,
-    earlier_clearance: Option<&[f64]>,
+    contact: &Contact<'_>,
     config: &RefineConfig,
 ) -> Result<FrameShare, FitSequenceError> {
     let solution = solver.polish(capture, start, prior, config.pose_rounds)?;
@@ -152,7 +162,7 @@ fn frame_share(
             vertex: pair.vertex,
             direction: pair.normal,
             target: pair.target,
-            weight: contact_aware_weight(body, pair, earlier_clearance, solver.surface, config),
+            weight: contact_aware_weight(body, pair, contact, solver.surface, config),
         })
         .collect();
     let mut assembly = BodyAssembly::new(surface, Gather::PoseAndIdentity, true);
@@ -192,7 +202,7 @@ fn frame_share(
 fn contact_aware_weight(
     body: &PreparedIdentity<'_>,
     pair: &Correspondence,
-    earlier_clearance: Option<&[f64]>,
+    contact: &Contact<'_>,
     surface: &SurfaceConfig,
     config: &RefineConfig,
 ) -> f64 {
@@ -205,9 +215,9 @@ fn contact_aware_weight(
         return surface.outside_weight * robust_weight(distance * distance, surface.outside_scale);
     }
     let depth = -distance;
-    let smallest = earlier_clearance.map_or(depth, |clearance| clearance[vertex].max(0.0));
+    let smallest = contact.earlier_clearance.map_or(depth, |clearance| clearance[vertex].max(0.0));
     let above = (depth - smallest).max(0.0) / config.clearance_tolerance;
-    config.contact_weight * robust_weight(depth * depth, config.contact_scale) * (-above * above).exp()
+    config.contact_weight * robust_weight(depth * depth, contact.scale) * (-above * above).exp()
 }
 
 /// Positions of `count` frames at most, evenly spread over the trusted ones.

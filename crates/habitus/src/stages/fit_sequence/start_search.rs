@@ -21,6 +21,8 @@ use crate::fitting::{Deformer, Fit};
 /// A start: identity (first components) and pose, with its energy in square metres per point.
 #[derive(Clone, Debug)]
 pub(super) struct Start {
+    /// Which of the captures it explains: the same frame in another orientation.
+    pub capture: usize,
     pub identity: Vec<f64>,
     pub pose: Vec<f64>,
     pub energy: f64,
@@ -28,7 +30,6 @@ pub(super) struct Start {
 
 /// Searches starts; what depends on the model alone is prepared once.
 pub(super) struct StartSearch<'a> {
-    model: &'a BodyModel,
     level: BodyLevel,
     rest_normals: Vec<DVec3>,
     clusters: Vec<Vec<f64>>,
@@ -44,13 +45,14 @@ impl<'a> StartSearch<'a> {
         let normals = habitus_geometry::vertex_normals(model.mean_vertices(), model.faces());
         let rest_normals = level.vertices.iter().map(|v| normals[*v as usize]).collect();
         let clusters = pose_clusters(model);
-        Self { model, level, rest_normals, clusters, config }
+        Self { level, rest_normals, clusters, config }
     }
 
-    /// The best starts for a frame, best first. `known_identity` fixes the identity; `hints` are poses worth trying.
+    /// The best starts, best first. `captures` are one frame in the orientations that are possible; they compete in
+    /// one pool. `known_identity` fixes the identity; `hints` are poses worth trying.
     pub fn search(
         &self,
-        frame: &CapturedFrame,
+        captures: &[CapturedFrame],
         known_identity: Option<&[f64]>,
         hints: &[Vec<f64>],
     ) -> Vec<Start> {
@@ -58,12 +60,16 @@ impl<'a> StartSearch<'a> {
             Some(identity) => identity[..self.config.component_count.min(identity.len())].to_vec(),
             None => vec![0.0; self.level.surface.component_count()],
         };
-        let mut starts: Vec<Start> = self
-            .hypotheses(frame, &identity)
-            .into_iter()
-            .chain(hints.iter().cloned())
-            .map(|pose| Start { identity: identity.clone(), pose, energy: f64::INFINITY })
-            .collect();
+        let mut starts: Vec<Start> = Vec::new();
+        for (capture, frame) in captures.iter().enumerate() {
+            let poses = self.hypotheses(frame, &identity).into_iter().chain(hints.iter().cloned());
+            starts.extend(poses.map(|pose| Start {
+                capture,
+                identity: identity.clone(),
+                pose,
+                energy: f64::INFINITY,
+            }));
+        }
         let halvings = &self.config.halvings;
         let total: usize = halvings.iter().map(|halving| halving.steps).sum();
         let mut done = 0;
@@ -75,7 +81,10 @@ impl<'a> StartSearch<'a> {
             let shares = [done, done + halving.steps].map(|steps| steps as f64 / total.max(1) as f64);
             starts = starts
                 .into_par_iter()
-                .map(|start| self.improve(frame, start, known_identity.is_some(), halving.steps, shares))
+                .map(|start| {
+                    let frame = &captures[start.capture];
+                    self.improve(frame, start, known_identity.is_some(), halving.steps, shares)
+                })
                 .collect();
             starts.sort_by(|a, b| a.energy.total_cmp(&b.energy));
             starts = distinct(starts, halving.keep);
@@ -252,10 +261,15 @@ impl<'a> StartSearch<'a> {
         twin.energy = f64::INFINITY;
         twin
     }
+}
 
-    /// Vertices of the model that the search moves, for pictures and tests.
-    pub fn model(&self) -> &BodyModel {
-        self.model
+/// Poses that differ by less than this (metres or radians in any parameter) are the same start.
+const SAME_POSE: f64 = 0.15;
+
+impl Start {
+    /// Whether any pose parameter differs by more than `limit`, or the orientation does.
+    pub fn differs(&self, other: &Self, limit: f64) -> bool {
+        self.capture != other.capture || self.pose.iter().zip(&other.pose).any(|(a, b)| (a - b).abs() > limit)
     }
 }
 
@@ -266,12 +280,7 @@ fn distinct(starts: Vec<Start>, keep: usize) -> Vec<Start> {
         if kept.len() == keep {
             break;
         }
-        let is_new = kept.iter().all(|other| {
-            let largest =
-                other.pose.iter().zip(&start.pose).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            largest > 0.15
-        });
-        if is_new {
+        if kept.iter().all(|other| other.differs(&start, SAME_POSE)) {
             kept.push(start);
         }
     }

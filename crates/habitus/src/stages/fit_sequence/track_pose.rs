@@ -2,6 +2,7 @@
 
 use std::sync::mpsc::sync_channel;
 
+use glam::DVec3;
 use habitus_optimize::Observer;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -19,6 +20,10 @@ pub(super) struct TrackedFrame {
     pub pose: Vec<f64>,
     pub energy: f64,
     pub inlier_share: f64,
+    /// Middle of the capture in metres, in the fit's coordinates.
+    pub middle: DVec3,
+    /// How much larger the capture is than the rest of the sequence; 1 unless it jumps.
+    pub capture_scale: f64,
     /// Why the frame could not be read.
     pub error: Option<String>,
     /// Whether the pose explains the frame well enough to vote on the identity.
@@ -26,6 +31,19 @@ pub(super) struct TrackedFrame {
 }
 
 impl TrackedFrame {
+    /// A frame without a pose of its own.
+    fn lost(pose: &[f64], error: Option<String>) -> Self {
+        Self {
+            pose: pose.to_vec(),
+            energy: 0.0,
+            inlier_share: 0.0,
+            middle: DVec3::ZERO,
+            capture_scale: 1.0,
+            error,
+            explains: false,
+        }
+    }
+
     pub fn is_trusted(&self) -> bool {
         self.error.is_none() && self.explains
     }
@@ -47,8 +65,10 @@ struct Started {
     rival_ratio: f64,
 }
 
-/// A frame whose energy exceeds the running median by this factor is searched afresh.
-const SUSPICIOUS_RATIO: f64 = 2.5;
+/// Starts that differ by less than this (metres or radians) are not rivals: tracking brings them together.
+const RIVAL_POSE: f64 = 0.7;
+/// A frame whose energy exceeds what is usual by this factor is searched afresh.
+const SUSPICIOUS_RATIO: f64 = 1.8;
 
 impl Stage<'_> {
     /// Tracks all frames, continuing after those that the journal holds.
@@ -100,10 +120,13 @@ impl Stage<'_> {
         let search = StartSearch::new(self.model, &self.config.start);
         let (first_frame, best) = self.first_starts(&search)?;
         let smallest = best.iter().map(|(_, start)| start.energy).fold(f64::INFINITY, f64::min);
-        let rivals: Vec<(Orientation, Start)> = best
-            .into_iter()
-            .filter(|(_, start)| start.energy <= self.config.start.rival_ratio * smallest)
-            .collect();
+        let mut rivals: Vec<(Orientation, Start)> = Vec::new();
+        for (orientation, start) in best {
+            let is_close = start.energy <= self.config.start.rival_ratio * smallest;
+            if is_close && rivals.iter().all(|(_, other)| other.differs(&start, RIVAL_POSE)) {
+                rivals.push((orientation, start));
+            }
+        }
         let mut tried = Vec::new();
         for (orientation, start) in rivals {
             let energy = self.try_start(&orientation, &start, first_frame)?;
@@ -139,21 +162,17 @@ impl Stage<'_> {
         let orientations = candidates(self.source, self.config)?;
         let mut first_error = None;
         for frame in 0..self.source.len() {
-            let mut starts = Vec::new();
-            for orientation in &orientations {
-                match self.load(frame, &orientation.fit_from_input) {
-                    Ok(capture) => {
-                        let found = search.search(&capture, None, &[]);
-                        starts.extend(found.into_iter().map(|start| (orientation.clone(), start)));
-                    }
-                    Err(error) => {
-                        first_error.get_or_insert(error);
-                        break;
-                    }
+            let captures: Result<Vec<CapturedFrame>, FitSequenceError> =
+                orientations.iter().map(|orientation| self.load(frame, &orientation.fit_from_input)).collect();
+            match captures {
+                Ok(captures) => {
+                    let starts = search.search(&captures, None, &[]);
+                    let of = |start: &Start| orientations[start.capture].clone();
+                    return Ok((frame, starts.into_iter().map(|start| (of(&start), start)).collect()));
                 }
-            }
-            if !starts.is_empty() {
-                return Ok((frame, starts));
+                Err(error) => {
+                    first_error.get_or_insert(error);
+                }
             }
         }
         Err(first_error.unwrap_or(FitSequenceError::NoUsableFrame))
@@ -171,13 +190,13 @@ impl Stage<'_> {
         let solver = self.solver(&identity)?;
         let last = (first_frame + self.config.start.trial_frames).min(self.source.len());
         let (mut sum, mut count) = (0.0, 0);
-        let mut poses: Vec<Vec<f64>> = vec![start.pose.clone()];
+        let mut recent = Recent::of_start(&start.pose);
         for frame in first_frame..last {
             let Ok(capture) = self.load(frame, &orientation.fit_from_input) else { continue };
-            let solution = self.track_frame(&solver, &capture, &poses)?;
+            let solution = self.track_frame(&solver, &capture, &mut recent)?;
             sum += solution.energy;
             count += 1;
-            poses.push(solution.pose);
+            recent.push(solution.pose);
         }
         Ok(sum / f64::from(count.max(1)))
     }
@@ -193,22 +212,29 @@ impl Stage<'_> {
         let fit_from_input = track.orientation.fit_from_input;
         let last = (first_frame + config.initial_frames).min(self.source.len());
         let solver = self.solver(&track.identity)?;
+        let mut recent = Recent::of_start(pose);
         let mut poses: Vec<Vec<f64>> = vec![pose.to_vec()];
-        let mut usable = Vec::new();
+        let mut energies = Vec::new();
         for frame in first_frame..last {
-            let Ok(capture) = self.load(frame, &fit_from_input) else {
-                poses.push(poses[poses.len() - 1].clone());
-                continue;
-            };
-            let solution = self.track_frame(&solver, &capture, &poses)?;
-            usable.push(poses.len());
-            poses.push(solution.pose);
+            if let Ok(capture) = self.load(frame, &fit_from_input) {
+                let solution = self.track_frame(&solver, &capture, &mut recent)?;
+                energies.push((poses.len(), solution.energy));
+                recent.push(solution.pose);
+            }
+            poses.push(recent.last().to_vec());
         }
+        // A frame that fits far worse than the best has gone astray and must not shape the identity.
+        let smallest = energies.iter().map(|(_, energy)| *energy).fold(f64::INFINITY, f64::min);
+        let usable: Vec<usize> = energies
+            .iter()
+            .filter(|(_, energy)| *energy <= SUSPICIOUS_RATIO * smallest)
+            .map(|(position, _)| *position)
+            .collect();
         // poses[k + 1] belongs to frame first_frame + k; position 0 is the start itself.
         let frames = super::refine_identity::spread(&usable, INITIAL_SPREAD);
         let tracked = poses.clone();
         let mut clearance: Option<Vec<f64>> = None;
-        for _ in 0..config.initial_passes {
+        for pass in 0..config.initial_passes {
             let solver = self.solver(&track.identity)?;
             let load = |position: usize| self.load(first_frame + position - 1, &fit_from_input).ok();
             let prior = |position: usize| self.smoothness_prior(&tracked, position);
@@ -219,6 +245,7 @@ impl Stage<'_> {
                 &mut poses,
                 &prior,
                 clearance.as_deref(),
+                config.contact_scale(pass, config.initial_passes),
                 config,
             )?;
             track.identity = step.identity;
@@ -226,13 +253,7 @@ impl Stage<'_> {
             clearance = Some(step.smallest_clearance);
         }
         let first = poses[usable.first().copied().unwrap_or(0)].clone();
-        track.frames = vec![TrackedFrame {
-            pose: first,
-            energy: 0.0,
-            inlier_share: 1.0,
-            error: None,
-            explains: true,
-        }];
+        track.frames = vec![TrackedFrame { pose: first, explains: true, ..TrackedFrame::lost(&[], None) }];
         Ok(())
     }
 
@@ -241,12 +262,12 @@ impl Stage<'_> {
         &self,
         solver: &PoseSolver<'_>,
         capture: &CapturedFrame,
-        poses: &[Vec<f64>],
+        recent: &mut Recent,
     ) -> Result<PoseSolution, FitSequenceError> {
         let config = &self.config.track;
-        let last = &poses[poses.len() - 1];
-        let before = poses.len().checked_sub(2).map(|k| &poses[k][..]);
-        let predicted = PoseSolver::predict(self.model.skeleton(), last, before, config.velocity);
+        recent.follow(capture);
+        let before = recent.poses.len().checked_sub(2).map(|k| &recent.poses[k][..]);
+        let predicted = PoseSolver::predict(self.model.skeleton(), recent.last(), before, config.velocity);
         let prior = AnglePrior {
             pulls: vec![
                 (predicted.clone(), config.prediction_stiffness),
@@ -296,27 +317,21 @@ impl Stage<'_> {
         frames: &[TrackedFrame],
         capture: Result<CapturedFrame, FitSequenceError>,
     ) -> Result<TrackedFrame, FitSequenceError> {
-        let mut poses: Vec<Vec<f64>> =
-            frames.iter().rev().take(2).rev().map(|frame| frame.pose.clone()).collect();
-        if frames.len() <= started.first_frame {
-            poses = vec![started.pose.clone()];
-        }
+        let mut recent = if frames.len() > started.first_frame {
+            Recent::of_frames(frames)
+        } else {
+            Recent::of_start(&started.pose)
+        };
         let capture = match capture {
             Ok(capture) => capture,
             Err(error) => {
-                return Ok(TrackedFrame {
-                    pose: poses[poses.len() - 1].clone(),
-                    energy: 0.0,
-                    inlier_share: 0.0,
-                    error: Some(error.to_string()),
-                    explains: false,
-                });
+                return Ok(TrackedFrame::lost(recent.last(), Some(error.to_string())));
             }
         };
-        let mut solution = self.track_frame(solver, &capture, &poses)?;
-        let usual = median_energy(frames);
+        let mut solution = self.track_frame(solver, &capture, &mut recent)?;
+        let usual = usual_energy(frames);
         if self.is_suspicious(&solution, usual) {
-            solution = self.restart(solver, search, &capture, &poses, solution)?;
+            solution = self.restart(solver, search, &capture, recent.last(), solution)?;
         }
         let explains = !self.is_suspicious(&solution, usual);
         Ok(TrackedFrame {
@@ -324,6 +339,8 @@ impl Stage<'_> {
             pose: solution.pose,
             energy: solution.energy,
             inlier_share: solution.inlier_share,
+            middle: capture.middle,
+            capture_scale: capture.capture_scale,
             error: None,
         })
     }
@@ -339,12 +356,12 @@ impl Stage<'_> {
         solver: &PoseSolver<'_>,
         search: &StartSearch<'_>,
         capture: &CapturedFrame,
-        poses: &[Vec<f64>],
+        last: &[f64],
         current: PoseSolution,
     ) -> Result<PoseSolution, FitSequenceError> {
-        let hints = vec![current.pose.clone(), poses[poses.len() - 1].clone()];
+        let hints = vec![current.pose.clone(), last.to_vec()];
         let mut best = current;
-        for start in search.search(capture, Some(&solver.fine.identity), &hints).into_iter().take(3) {
+        for start in search.search(std::slice::from_ref(capture), Some(&solver.fine.identity), &hints).into_iter().take(3) {
             let prior =
                 AnglePrior { pulls: vec![(vec![0.0; start.pose.len()], self.config.track.rest_stiffness)] };
             let solution = solver.solve(capture, &start.pose, &prior)?;
@@ -356,17 +373,59 @@ impl Stage<'_> {
     }
 }
 
+/// A capture whose middle jumps further than this between frames has been moved as a whole, as happens when frames of
+/// one sequence were exported in different coordinates; no person moves so far.
+const TELEPORT: f64 = 0.4;
+
+/// The last poses, from which the next is predicted.
+struct Recent {
+    poses: Vec<Vec<f64>>,
+    middle: Option<DVec3>,
+}
+
+impl Recent {
+    fn of_start(pose: &[f64]) -> Self {
+        Self { poses: vec![pose.to_vec()], middle: None }
+    }
+
+    fn of_frames(frames: &[TrackedFrame]) -> Self {
+        let last_two = frames.iter().skip(frames.len().saturating_sub(2));
+        let middle = frames.iter().rev().find(|frame| frame.error.is_none()).map(|frame| frame.middle);
+        Self { poses: last_two.map(|frame| frame.pose.clone()).collect(), middle }
+    }
+
+    fn last(&self) -> &[f64] {
+        &self.poses[self.poses.len() - 1]
+    }
+
+    /// Moves the poses along with a capture that has been moved as a whole.
+    fn follow(&mut self, capture: &CapturedFrame) {
+        let moved = capture.middle - self.middle.unwrap_or(capture.middle);
+        if moved.length() > TELEPORT {
+            for pose in &mut self.poses {
+                for (value, shift) in pose.iter_mut().zip(moved.to_array()) {
+                    *value += shift;
+                }
+            }
+        }
+        self.middle = Some(capture.middle);
+    }
+
+    fn push(&mut self, pose: Vec<f64>) {
+        if self.poses.len() == 2 {
+            self.poses.remove(0);
+        }
+        self.poses.push(pose);
+    }
+}
+
 /// Initial frames over which the first identity is refined: neighbours in time say the same again.
 const INITIAL_SPREAD: usize = 8;
-/// Frames whose median energy is what is usual.
-const USUAL_FRAMES: usize = 15;
 
-fn median_energy(frames: &[TrackedFrame]) -> Option<f64> {
+/// The lower quartile over all trusted frames: a run of frames that drift off together must not become what is usual.
+fn usual_energy(frames: &[TrackedFrame]) -> Option<f64> {
     let mut energies: Vec<f64> =
-        frames.iter().rev().filter(|frame| frame.is_trusted()).take(USUAL_FRAMES).map(|f| f.energy).collect();
-    if energies.len() < 3 {
-        return None;
-    }
+        frames.iter().filter(|frame| frame.is_trusted()).map(|frame| frame.energy).collect();
     energies.sort_by(f64::total_cmp);
-    Some(energies[energies.len() / 2])
+    energies.get(energies.len() / 4).copied()
 }
