@@ -29,7 +29,7 @@ class Stage {
     this.floor = Math.min(...lows);
     const heights = captured.map((view) => view.captureLow[1] + view.captureSize[1] - this.floor);
     this.height = Math.max(1.2, ...heights);
-    this.camera = new OrbitCamera(this.canvas, this.height * 0.6, () => this.request());
+    this.camera = new OrbitCamera(this.canvas, this.height * 0.63, () => this.request());
     this.home = this.root(first);
     this.camera.yaw = this.facing(first) + 0.45;
     this.canvas.addEventListener("webglcontextlost", () => showFallback("The browser has taken the graphics card away from this page; load the page again to have the 3D view back."));
@@ -92,7 +92,8 @@ class Stage {
     if (this.shown !== state.view) this.renderer.setFrame(frame, state.view);
     this.shown = state.view;
     const root = layers.follow ? this.root(frame) : this.home;
-    const target = [root[0], this.floor + this.height / 2, root[2]];
+    // A little above the middle: the buttons cover the top of the view.
+    const target = [root[0], this.floor + this.height * 0.53, root[2]];
     const { eye, view, projection } = this.camera.matrices(target);
     const floor = eye[1] > this.floor + 0.02 ? [root[0], this.floor, root[2]] : null;
     const lines = [this.skeletonLines(frame), ...this.curveLines(frame)];

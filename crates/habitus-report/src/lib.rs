@@ -7,3 +7,4 @@
 pub mod render;
 pub mod report;
 pub mod run;
+pub mod stills;

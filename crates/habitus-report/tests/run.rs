@@ -9,8 +9,10 @@ use habitus::artifacts::measurements::{Measurement, Quantity};
 use habitus::artifacts::rigged_sequence::{Rig, RiggedSequence};
 use habitus::body::BodyModel;
 use habitus::geometry::{Surface, TriangleMesh, vertex_normals};
+use habitus_report::render::{ColorScale, View};
 use habitus_report::report::{ReportOptions, page};
 use habitus_report::run::{FinishedRun, report_of_run};
+use habitus_report::stills::{FrameStill, StillContent};
 
 /// Distance from skin to cloth in metres.
 const CLOTH: f64 = 0.02;
@@ -88,6 +90,27 @@ fn made_up_fit() -> (RiggedSequence, Captures) {
     });
     let captures = Captures(captures.collect());
     (fit, captures)
+}
+
+#[test]
+fn stills_show_body_capture_and_clearance_of_one_view() {
+    let (fit, captures) = made_up_fit();
+    let surface = captures.surface(1).expect("capture");
+    let still = FrameStill::new(&fit, 1, Some(&surface), ColorScale::CLEARANCE);
+    let view = View::from_degrees(30.0, 5.0);
+    let picture = |content| still.draw(content, view, 120, 200).expect("picture");
+    let background = picture(StillContent::Body).pixel(2, 2).expect("corner");
+    let covered = |content| picture(content).pixels().iter().filter(|pixel| **pixel != background).count();
+    let [body, capture] = [StillContent::Body, StillContent::Capture].map(covered);
+    // Cloth 20 mm off the skin covers more of the picture, and with the same camera just so much more.
+    assert!(capture > body && capture < 2 * body, "{body} {capture}");
+    assert!(picture(StillContent::Clearance) != picture(StillContent::Body));
+    let without = FrameStill::new(&fit, 3, None, ColorScale::CLEARANCE);
+    assert!(without.draw(StillContent::Overlay, view, 60, 100).is_ok());
+    let sheet = still.sheet("frame 2", view, 300, 500).expect("sheet");
+    if let Some(folder) = option_env!("HABITUS_TEST_PICTURES") {
+        sheet.save_png(&std::path::Path::new(folder).join("still.png")).expect("written");
+    }
 }
 
 #[test]

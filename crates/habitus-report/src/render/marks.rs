@@ -51,17 +51,35 @@ pub(crate) fn tube(curve: &Curve) -> Option<Layer> {
     Some(Layer::opaque(positions, faces, Paint::Uniform(curve.color)))
 }
 
-/// The ball of a dot.
-pub(crate) fn ball(dot: &Dot) -> Layer {
-    let mut positions = vec![dot.position + DVec3::Y * dot.radius];
+/// The balls of all dots as one mesh; nothing when there is no dot.
+pub(crate) fn balls(dots: &[Dot]) -> Option<Layer> {
+    if dots.is_empty() {
+        return None;
+    }
+    let (directions, ball_faces) = unit_ball();
+    let mut positions = Vec::with_capacity(dots.len() * directions.len());
+    let mut faces = Vec::with_capacity(dots.len() * ball_faces.len());
+    let mut colors = Vec::with_capacity(positions.capacity());
+    for dot in dots {
+        let first = positions.len() as u32;
+        positions.extend(directions.iter().map(|direction| dot.position + dot.radius * *direction));
+        faces.extend(ball_faces.iter().map(|face| face.map(|vertex| first + vertex)));
+        colors.resize(positions.len(), dot.color);
+    }
+    Some(Layer::opaque(positions, faces, Paint::PerVertex(colors)))
+}
+
+/// A ball of radius 1 about the origin: poles and rings.
+fn unit_ball() -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    let mut positions = vec![DVec3::Y];
     for ring in 1..=BALL_RINGS {
         let (sin, cos) = (PI * f64::from(ring) / f64::from(BALL_RINGS + 1)).sin_cos();
         positions.extend((0..BALL_SIDES).map(|k| {
             let turn = TAU * f64::from(k) / f64::from(BALL_SIDES);
-            dot.position + dot.radius * DVec3::new(sin * turn.sin(), cos, sin * turn.cos())
+            DVec3::new(sin * turn.sin(), cos, sin * turn.cos())
         }));
     }
-    positions.push(dot.position - DVec3::Y * dot.radius);
+    positions.push(-DVec3::Y);
     let last = positions.len() as u32 - 1;
     let mut faces = Vec::new();
     for k in 0..BALL_SIDES {
@@ -75,5 +93,5 @@ pub(crate) fn ball(dot: &Dot) -> Layer {
         let bottom = 1 + (BALL_RINGS - 1) * BALL_SIDES;
         faces.push([last, bottom + next, bottom + k]);
     }
-    Layer::opaque(positions, faces, Paint::Uniform(dot.color))
+    (positions, faces)
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::camera::Projector;
 use super::ground::Ground;
-use super::marks::{ball, tube};
+use super::marks::{balls, tube};
 use super::shade::Studio;
 use super::{Camera, Color, Image, Layer, Lighting, Paint, RenderError, Scene, Smoothness};
 
@@ -59,7 +59,7 @@ struct Picture<'a> {
 pub fn render(scene: &Scene, camera: &Camera, width: usize, height: usize) -> Result<Image, RenderError> {
     let mut image = Image::filled(width, height, scene.background.to_srgb())?;
     check(scene)?;
-    let marks: Vec<Layer> = scene.curves.iter().filter_map(tube).chain(scene.dots.iter().map(ball)).collect();
+    let marks: Vec<Layer> = scene.curves.iter().filter_map(tube).chain(balls(&scene.dots)).collect();
     let [columns, rows] = [width, height].map(|side| side * SAMPLES);
     let projector = Projector::new(camera, columns, rows);
     let layers = scene.layers.iter().chain(&marks);
