@@ -1,9 +1,10 @@
 //! A run folder as one self-contained HTML file, and pictures of meshes.
 //!
-//! [`render`] is a small software rasteriser for stills; [`report`] writes the page with the playable 3D view.
-//! Both show what they are given: no fit, metric or measurement is computed here.
+//! [`render`] is a small software rasteriser; [`report`] writes the page with the playable 3D view. Both know no
+//! run: [`stills`] and [`run`] bring a finished fit and its captures to them. No fit is computed here.
 #![deny(missing_docs)]
 
+mod captured_body;
 pub mod render;
 pub mod report;
 pub mod run;

@@ -3,21 +3,20 @@
 //! Captures are read once more, a few at a time: each gives its clearances (for all frames) and a simplified
 //! mesh (for the frames that the 3D view can hold).
 
-use glam::{DAffine3, DVec3};
+use glam::DAffine3;
 use habitus::artifacts::codes::Code;
 use habitus::artifacts::fitted_sequence::FittedFrame;
 use habitus::artifacts::frames::FrameSource;
 use habitus::artifacts::measurements::{Measurement, Quantity};
 use habitus::artifacts::rigged_sequence::RiggedSequence;
-use habitus::evaluation::clearance::clearance;
 use habitus::evaluation::sequence_accuracy::SequenceAccuracy;
-use habitus::geometry::Surface;
 use rayon::prelude::*;
 
+use crate::captured_body::CapturedBody;
 use crate::report::{
-    BodyCurve, BodyView, CaptureView, CodeMeaning, FrameSummary, FrameView, Headline, IdentityCoefficient,
-    LandmarkView, MeasurementRow, ModelView, Percentiles, ReportData, ReportOptions, Timing, TruthRow,
-    decimated, view_frames,
+    BodyCurve, BodyView, CodeMeaning, FrameSummary, FrameView, Headline, IdentityCoefficient, LandmarkView,
+    MeasurementRow, ModelView, Percentiles, ReportData, ReportOptions, Timing, TruthRow, decimated,
+    view_frames,
 };
 
 /// A finished run, as far as its report needs it.
@@ -83,19 +82,10 @@ fn frame_of_run(
     is_shown: bool,
     options: &ReportOptions,
 ) -> (FrameSummary, Option<FrameView>) {
-    let sequence = &run.fit.sequence;
-    let input = &sequence.input_frame;
-    let fitted = &sequence.frames[frame];
+    let fitted = &run.fit.sequence.frames[frame];
     let surface = if frame < run.captures.len() { run.captures.surface(frame).ok() } else { None };
-    // A capture that was exported at another scale is shown, and measured against, at the size of the others.
-    let scale = fitted.capture_scale;
-    let vertices = run.fit.posed_vertices(frame);
-    let vertices: Vec<DVec3> = vertices.iter().map(|vertex| input.to_input(scale * *vertex)).collect();
-    let to_mm = input.metres_per_unit / scale * 1000.0;
-    let clearance_mm: Vec<f64> = surface
-        .as_ref()
-        .and_then(|surface| clearance(&vertices, surface))
-        .map_or(Vec::new(), |values| values.iter().map(|value| value * to_mm).collect());
+    let captured = CapturedBody::new(run.fit, frame, surface.as_ref());
+    let clearance_mm = captured.clearance_mm.unwrap_or_default();
     let summary = frame_summary(fitted, percentiles(&clearance_mm));
     let posed = run.fit.posed_skeleton(frame);
     let bones = posed.rotations.iter().zip(&posed.translations);
@@ -105,19 +95,12 @@ fn frame_of_run(
     if !is_shown || posed_from_rest.iter().any(|transform| !transform.is_finite()) {
         return (summary, None);
     }
-    let capture = surface.map_or(CaptureView::default(), |surface| {
-        let (positions, faces) = match &surface {
-            Surface::Mesh(mesh) => (mesh.positions(), mesh.faces()),
-            Surface::Cloud(cloud) => (cloud.positions(), [].as_slice()),
-        };
-        let positions = positions.iter().map(|position| input.to_internal(*position) / scale).collect();
-        decimated(&CaptureView { positions, faces: faces.to_vec() }, options.capture_vertex_limit)
-    });
+    let capture = captured.capture.unwrap_or_default();
     let landmarks = fitted.landmarks.iter().enumerate().filter(|(_, landmark)| landmark.position.is_finite());
     let view = FrameView {
         frame,
         posed_from_rest,
-        capture,
+        capture: decimated(&capture, options.capture_vertex_limit),
         clearance_mm: clearance_mm.iter().map(|mm| *mm as f32).collect(),
         landmarks: landmarks
             .map(|(number, landmark)| LandmarkView {

@@ -2,13 +2,14 @@
 
 use glam::DVec3;
 use habitus::artifacts::rigged_sequence::RiggedSequence;
-use habitus::evaluation::clearance::clearance;
 use habitus::geometry::Surface;
 
+use crate::captured_body::CapturedBody;
 use crate::render::{
     Camera, Color, ColorScale, Dot, Image, Layer, Paint, Panel, RenderError, Scene, View, contact_sheet,
     render,
 };
+use crate::report::CaptureView;
 
 /// What a still shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,38 +48,15 @@ const POINT_LIMIT: usize = 6_000;
 
 /// One frame of a fit in metres, y up, ready to be drawn from any side.
 pub struct FrameStill {
-    body: Vec<DVec3>,
+    frame: CapturedBody,
     faces: Vec<[u32; 3]>,
-    clearance_mm: Option<Vec<f64>>,
-    capture: Option<(Vec<DVec3>, Vec<[u32; 3]>)>,
     scale: ColorScale,
 }
 
 impl FrameStill {
     /// Takes a frame of a fit and its capture, in the input's frame, if it can be read.
     pub fn new(fit: &RiggedSequence, frame: usize, capture: Option<&Surface>, scale: ColorScale) -> Self {
-        let input = &fit.sequence.input_frame;
-        let capture_scale = fit.sequence.frames[frame].capture_scale;
-        let body = fit.posed_vertices(frame);
-        let in_input: Vec<DVec3> =
-            body.iter().map(|vertex| input.to_input(capture_scale * *vertex)).collect();
-        let to_mm = input.metres_per_unit / capture_scale * 1000.0;
-        let clearance_mm = capture.and_then(|surface| clearance(&in_input, surface));
-        let capture = capture.map(|surface| {
-            let (positions, faces) = match surface {
-                Surface::Mesh(mesh) => (mesh.positions(), mesh.faces()),
-                Surface::Cloud(cloud) => (cloud.positions(), [].as_slice()),
-            };
-            let inside = positions.iter().map(|position| input.to_internal(*position) / capture_scale);
-            (inside.collect(), faces.to_vec())
-        });
-        Self {
-            body,
-            faces: fit.rig.faces.clone(),
-            clearance_mm: clearance_mm.map(|values| values.iter().map(|value| value * to_mm).collect()),
-            capture,
-            scale,
-        }
+        Self { frame: CapturedBody::new(fit, frame, capture), faces: fit.rig.faces.clone(), scale }
     }
 
     /// Draws the frame; all contents of one view have the same camera, so that pictures can be compared.
@@ -92,8 +70,8 @@ impl FrameStill {
         width: usize,
         height: usize,
     ) -> Result<Image, RenderError> {
-        let capture_points = self.capture.iter().flat_map(|(positions, _)| positions);
-        let points: Vec<DVec3> = self.body.iter().chain(capture_points).copied().collect();
+        let capture_points = self.frame.capture.iter().flat_map(|capture| &capture.positions);
+        let points: Vec<DVec3> = self.frame.vertices.iter().chain(capture_points).copied().collect();
         let camera = Camera::framing_points(&points, view, width as f64 / height.max(1) as f64);
         let lowest =
             points.iter().map(|point| point.y).filter(|y| y.is_finite()).fold(f64::INFINITY, f64::min);
@@ -123,22 +101,22 @@ impl FrameStill {
     fn scene(&self, content: StillContent) -> Scene {
         let mut scene = Scene::default();
         let skin = Paint::Uniform(Color::from_srgb(230, 184, 154));
-        match (content, &self.clearance_mm) {
+        match (content, &self.frame.clearance_mm) {
             (StillContent::Capture, _) => {}
             (StillContent::Clearance, Some(values)) => {
                 let colors = values.iter().map(|value| self.scale.color(*value)).collect();
                 scene.layers.push(Layer::opaque(
-                    self.body.clone(),
+                    self.frame.vertices.clone(),
                     self.faces.clone(),
                     Paint::PerVertex(colors),
                 ));
             }
-            _ => scene.layers.push(Layer::opaque(self.body.clone(), self.faces.clone(), skin)),
+            _ => scene.layers.push(Layer::opaque(self.frame.vertices.clone(), self.faces.clone(), skin)),
         }
-        if let (StillContent::Capture | StillContent::Overlay, Some((positions, faces))) =
-            (content, &self.capture)
+        if let (StillContent::Capture | StillContent::Overlay, Some(capture)) = (content, &self.frame.capture)
         {
             let color = Color::from_srgb(128, 152, 184);
+            let CaptureView { positions, faces } = capture;
             if faces.is_empty() {
                 let step = positions.len().div_ceil(POINT_LIMIT).max(1);
                 let drawn = positions.iter().step_by(step);
