@@ -18,7 +18,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let folder = PathBuf::from(arguments.first().ok_or("name a folder for the pictures")?);
     std::fs::create_dir_all(&folder)?;
-    let word = |place: usize, default: &str| format!("\"{}\"", arguments.get(place).map_or(default, |word| word));
+    let word =
+        |place: usize, default: &str| format!("\"{}\"", arguments.get(place).map_or(default, |word| word));
     let settings = DressedSequenceSettings {
         outfit: serde_json::from_str(&word(1, "dress"))?,
         motion: serde_json::from_str(&word(2, "walk_and_turn"))?,
@@ -39,7 +40,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("tailoring {:.2} s", start.elapsed().as_secs_f64());
     let body = performance.body();
     let mut rest: Meshes<'_> = vec![(body.positions(), body.faces())];
-    rest.extend(performance.garments().iter().map(|garment| (garment.positions.as_slice(), garment.faces.as_slice())));
+    rest.extend(
+        performance.garments().iter().map(|garment| (garment.positions.as_slice(), garment.faces.as_slice())),
+    );
     let views: Vec<_> = [0.0, 0.9, 1.57, 3.14].into_iter().map(|yaw| paint(&rest, yaw)).collect();
     save(&folder.join("cut.png"), &[views])?;
 
@@ -55,7 +58,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         seconds[0] += start.elapsed().as_secs_f64();
         if index % every == 0 {
             let subjects = stage.subjects(&scene);
-            let meshes: Meshes<'_> = subjects.iter().map(|subject| (subject.positions, subject.faces)).collect();
+            let meshes: Meshes<'_> =
+                subjects.iter().map(|subject| (subject.positions, subject.faces)).collect();
             rows[0].push(paint(&meshes, 0.5));
             rows[1].push(paint(&meshes, 2.2));
         }

@@ -48,7 +48,8 @@ impl<'a> Animation<'a> {
             * DQuat::from_rotation_y(stance.pelvis_turn * blend)
             * DQuat::from_rotation_z(stance.pelvis_list * blend);
         pose.set_root(root, DVec3::ZERO);
-        let translation = self.stand(&pose);
+        let support = stance.support.map(|share| 1.0 + (share - 1.0) * blend);
+        let translation = self.stand(&pose, support);
         pose.set_root(root, translation);
         pose
     }
@@ -57,7 +58,10 @@ impl<'a> Animation<'a> {
         let skeleton = self.model.skeleton();
         let (lower, upper) = skeleton.pose_limits();
         let parameters = pose.parameters_mut();
-        let legs = [[Bone::LeftThigh, Bone::LeftShank, Bone::LeftFoot], [Bone::RightThigh, Bone::RightShank, Bone::RightFoot]];
+        let legs = [
+            [Bone::LeftThigh, Bone::LeftShank, Bone::LeftFoot],
+            [Bone::RightThigh, Bone::RightShank, Bone::RightFoot],
+        ];
         for (chain, (angles, side)) in legs.into_iter().zip(stance.legs.iter().zip([1.0, -1.0])) {
             self.set_leg(parameters, skeleton, chain, angles, side);
         }
@@ -77,7 +81,14 @@ impl<'a> Animation<'a> {
         }
     }
 
-    fn set_leg(&self, parameters: &mut [f64], skeleton: &Skeleton, chain: [Bone; 3], angles: &LegAngles, side: f64) {
+    fn set_leg(
+        &self,
+        parameters: &mut [f64],
+        skeleton: &Skeleton,
+        chain: [Bone; 3],
+        angles: &LegAngles,
+        side: f64,
+    ) {
         let [thigh, shank, foot] = chain;
         let leg = self.joints[foot as usize] - self.joints[thigh as usize];
         // The rest pose stands with legs apart; walking brings the feet together.
@@ -88,30 +99,60 @@ impl<'a> Animation<'a> {
         set_turn(parameters, skeleton, foot, -angles.ankle_dorsiflexion, DVec3::X);
     }
 
-    fn set_arm(&self, parameters: &mut [f64], skeleton: &Skeleton, chain: [Bone; 3], angles: &ArmAngles, side: f64) {
+    fn set_arm(
+        &self,
+        parameters: &mut [f64],
+        skeleton: &Skeleton,
+        chain: [Bone; 3],
+        angles: &ArmAngles,
+        side: f64,
+    ) {
         let [upper_arm, forearm, hand] = chain.map(|bone| self.joints[bone as usize]);
         let rest = (forearm - upper_arm).normalize_or_zero();
         let rest_bend = rest.angle_between(hand - forearm);
         let [upper_arm, forearm, _] = chain;
-        let hanging = DVec3::new(side * angles.shoulder_abduction.sin(), -angles.shoulder_abduction.cos(), 0.0);
+        let hanging =
+            DVec3::new(side * angles.shoulder_abduction.sin(), -angles.shoulder_abduction.cos(), 0.0);
         let wanted = DMat3::from_rotation_x(-angles.shoulder_flexion) * hanging;
-        set_rotation(parameters, skeleton, upper_arm, DMat3::from_quat(DQuat::from_rotation_arc(rest, wanted)));
+        set_rotation(
+            parameters,
+            skeleton,
+            upper_arm,
+            DMat3::from_quat(DQuat::from_rotation_arc(rest, wanted)),
+        );
         set_flexion(parameters, skeleton, forearm, angles.elbow_flexion - rest_bend);
     }
 
-    /// Root translation that keeps the loaded sole points where they were and the lowest one on the floor.
-    fn stand(&mut self, pose: &Pose) -> DVec3 {
+    /// Root translation that keeps the loaded sole points where they were and the standing feet on the floor.
+    fn stand(&mut self, pose: &Pose, support: [f64; 2]) -> DVec3 {
         let posed = self.model.skeleton().pose(&self.joints, pose.parameters());
-        let soles = self.soles.map(|(bone, point)| posed.rotations[bone as usize] * point + posed.translations[bone as usize]);
-        let lowest = soles.iter().map(|sole| sole.y).fold(f64::INFINITY, f64::min);
-        let load = |sole: &DVec3| (-(sole.y - lowest) / CONTACT_SOFTNESS).exp();
-        let total: f64 = soles.iter().map(load).sum();
-        let height = -CONTACT_SOFTNESS * -total.ln() - lowest;
+        let soles = self
+            .soles
+            .map(|(bone, point)| posed.rotations[bone as usize] * point + posed.translations[bone as usize]);
+        let total_support = (support[0] + support[1]).max(1e-9);
+        let mut loads = [0.0; 4];
+        let mut height = 0.0;
+        for (foot, share) in support.into_iter().enumerate() {
+            let share = share / total_support;
+            let ends = [soles[2 * foot].y, soles[2 * foot + 1].y];
+            let lowest = ends[0].min(ends[1]);
+            let weights = ends.map(|end| (-(end - lowest) / CONTACT_SOFTNESS).exp());
+            let sum = weights[0] + weights[1];
+            for (end, weight) in weights.into_iter().enumerate() {
+                loads[2 * foot + end] = share * weight / sum;
+            }
+            // Legs that stand both may differ in length by a few centimetres: the pelvis goes between them.
+            height -= share * (lowest - CONTACT_SOFTNESS * sum.ln());
+        }
         let translation = match &self.last {
             None => DVec3::ZERO,
             Some((last_soles, last_translation)) => {
-                let slide: DVec3 =
-                    soles.iter().zip(last_soles).map(|(now, last)| (*now - *last) * load(now)).sum::<DVec3>() / total;
+                let slide: DVec3 = soles
+                    .iter()
+                    .zip(last_soles)
+                    .zip(loads)
+                    .map(|((now, last), load)| (*now - *last) * load)
+                    .sum();
                 *last_translation - slide
             }
         };
@@ -123,9 +164,16 @@ impl<'a> Animation<'a> {
 
 /// The lowest vertex in the rear (−1) or front (1) half of a foot.
 fn sole(body: &RestBody, foot: Bone, end: f64) -> DVec3 {
-    let vertices = || body.positions().iter().zip(body.bones()).filter(|(_, bone)| **bone == foot).map(|(position, _)| *position);
-    let (low, high) =
-        vertices().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), position| (low.min(position.z), high.max(position.z)));
+    let vertices = || {
+        body.positions()
+            .iter()
+            .zip(body.bones())
+            .filter(|(_, bone)| **bone == foot)
+            .map(|(position, _)| *position)
+    };
+    let (low, high) = vertices().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), position| {
+        (low.min(position.z), high.max(position.z))
+    });
     let middle = (low + high) * 0.5;
     vertices()
         .filter(|position| (position.z - middle) * end > 0.25 * (high - middle))
@@ -137,7 +185,9 @@ fn sole(body: &RestBody, foot: Bone, end: f64) -> DVec3 {
 fn axes_of(skeleton: &Skeleton, bone: Bone) -> Vec<(usize, DVec3)> {
     let root_length = skeleton.pose_length() - skeleton.axes().len();
     let axes = skeleton.axes().iter().enumerate();
-    axes.filter(|(_, axis)| axis.bone == bone as usize).map(|(index, axis)| (root_length + index, axis.direction)).collect()
+    axes.filter(|(_, axis)| axis.bone == bone as usize)
+        .map(|(index, axis)| (root_length + index, axis.direction))
+        .collect()
 }
 
 /// Angles about a bone's own axes that come closest to a wanted rotation (Gauss–Newton on the rotation error).
@@ -163,8 +213,9 @@ fn set_rotation(parameters: &mut [f64], skeleton: &Skeleton, bone: Bone, wanted:
 
 /// Bends a hinge the way its limits leave most room: knees and elbows.
 fn set_flexion(parameters: &mut [f64], skeleton: &Skeleton, bone: Bone, angle: f64) {
-    for ((parameter, _), axis) in
-        axes_of(skeleton, bone).into_iter().zip(skeleton.axes().iter().filter(|axis| axis.bone == bone as usize))
+    for ((parameter, _), axis) in axes_of(skeleton, bone)
+        .into_iter()
+        .zip(skeleton.axes().iter().filter(|axis| axis.bone == bone as usize))
     {
         parameters[parameter] = if axis.limits[1] >= -axis.limits[0] { angle } else { -angle };
     }

@@ -28,7 +28,7 @@ pub struct ClothSettings {
     pub bending_compliance: f64,
     /// Rate at which air takes velocity away, 1/s.
     pub damping_per_second: f64,
-    /// Resistance of air to motion across the cloth, kg/m³: half of air's density times a drag coefficient near one.
+    /// Resistance of air to motion across the cloth, kg/m³: half of air's density times a drag coefficient of two (a plate).
     pub air_drag: f64,
     /// Share of the person's speed that the air around them has: still air would blow a skirt out behind a walker.
     pub wake_share: f64,
@@ -38,6 +38,8 @@ pub struct ClothSettings {
     pub friction: f64,
     /// Distance that is kept from the skin, millimetres.
     pub contact_offset_mm: f64,
+    /// Further distance for each garment that is worn beneath, millimetres.
+    pub layer_offset_mm: f64,
     /// Cloth further than this from the body is not tested against it until the next update, millimetres.
     pub contact_range_mm: f64,
     /// Acceleration of free fall, m/s², downwards.
@@ -53,12 +55,13 @@ impl Default for ClothSettings {
             stretch_compliance: 0.0,
             compression_compliance: 3e-3,
             bending_compliance: 0.15,
-            damping_per_second: 0.5,
-            air_drag: 0.6,
+            damping_per_second: 2.0,
+            air_drag: 1.2,
             wake_share: 0.8,
             internal_damping: 0.2,
             friction: 0.3,
             contact_offset_mm: 4.0,
+            layer_offset_mm: 8.0,
             contact_range_mm: 60.0,
             gravity: 9.81,
         }
@@ -177,6 +180,7 @@ pub struct Cloth {
     positions: Vec<DVec3>,
     velocities: Vec<DVec3>,
     inverse_masses: Vec<f64>,
+    contact_offset: f64,
     faces: Vec<[u32; 3]>,
     normals: Vec<DVec3>,
     edges: Vec<Distance>,
@@ -188,7 +192,12 @@ pub struct Cloth {
 
 impl Cloth {
     /// Cloth at rest in the shape that its fabric was cut to.
-    pub fn new(positions: Vec<DVec3>, faces: &[[u32; 3]], anchors: Vec<Anchor>, settings: &ClothSettings) -> Self {
+    pub fn new(
+        positions: Vec<DVec3>,
+        faces: &[[u32; 3]],
+        anchors: Vec<Anchor>,
+        settings: &ClothSettings,
+    ) -> Self {
         let mut masses = vec![0.0; positions.len()];
         for face in faces {
             let [a, b, c] = face.map(|vertex| positions[vertex as usize]);
@@ -200,8 +209,12 @@ impl Cloth {
         let (edges, bends) = distance_constraints(&positions, faces);
         Self {
             velocities: vec![DVec3::ZERO; positions.len()],
-            inverse_masses: masses.iter().map(|&mass: &f64| if mass > 0.0 { 1.0 / mass } else { 0.0 }).collect(),
+            inverse_masses: masses
+                .iter()
+                .map(|&mass: &f64| if mass > 0.0 { 1.0 / mass } else { 0.0 })
+                .collect(),
             previous: positions.clone(),
+            contact_offset: settings.contact_offset_mm / 1000.0,
             normals: vertex_normals(&positions, faces),
             positions,
             faces: faces.to_vec(),
@@ -210,6 +223,12 @@ impl Cloth {
             anchors,
             contacts: Vec::new(),
         }
+    }
+
+    /// Wears it over other garments.
+    pub fn over(mut self, layer: u32, settings: &ClothSettings) -> Self {
+        self.contact_offset += f64::from(layer) * settings.layer_offset_mm / 1000.0;
+        self
     }
 
     /// Carries the cloth elsewhere without moving it through the space between.
@@ -240,7 +259,8 @@ impl Cloth {
     /// Moves the cloth through one frame interval.
     pub fn advance(&mut self, body: &BodyInterval<'_>, settings: &ClothSettings) {
         let update_count = body.surfaces.len();
-        let substeps = (body.duration * settings.substeps_per_second / update_count as f64).ceil().max(1.0) as usize;
+        let substeps =
+            (body.duration * settings.substeps_per_second / update_count as f64).ceil().max(1.0) as usize;
         let step_share = 1.0 / (update_count * substeps) as f64;
         let anchored: Vec<SkinPoint> =
             self.anchors.iter().map(|anchor| body.skin_point(anchor.face, anchor.barycentric)).collect();
@@ -265,7 +285,10 @@ impl Cloth {
             .enumerate()
             .filter_map(|(vertex, &position)| {
                 let nearest = surface.closest_within(position, radius)?;
-                Some(Contact { vertex: vertex as u32, skin: body.skin_point(nearest.face, nearest.barycentric) })
+                Some(Contact {
+                    vertex: vertex as u32,
+                    skin: body.skin_point(nearest.face, nearest.barycentric),
+                })
             })
             .collect();
     }
@@ -294,10 +317,12 @@ impl Cloth {
         project_distances(&mut self.positions, &self.inverse_masses, &self.bends, compliances, step);
         self.project_anchors(anchored, span);
         self.project_contacts(span, settings);
-        for ((velocity, position), previous) in self.velocities.iter_mut().zip(&self.positions).zip(&self.previous) {
+        for ((velocity, position), previous) in
+            self.velocities.iter_mut().zip(&self.positions).zip(&self.previous)
+        {
             *velocity = (*position - *previous) / step;
         }
-        self.limit_bounce(span, settings);
+        self.limit_bounce(span);
     }
 
     /// Free fall through air, which resists motion across the cloth.
@@ -329,7 +354,7 @@ impl Cloth {
 
     /// Pushes vertices out to the contact distance and takes up to the Coulomb limit of the sliding away.
     fn project_contacts(&mut self, span: &Span, settings: &ClothSettings) {
-        let offset = settings.contact_offset_mm / 1000.0;
+        let offset = self.contact_offset;
         for Contact { vertex, skin } in &self.contacts {
             let position = &mut self.positions[*vertex as usize];
             let normal = skin.normal(span.end);
@@ -348,15 +373,16 @@ impl Cloth {
         }
     }
 
-    fn limit_bounce(&mut self, span: &Span, settings: &ClothSettings) {
-        let offset = settings.contact_offset_mm / 1000.0;
+    fn limit_bounce(&mut self, span: &Span) {
+        let offset = self.contact_offset;
         for Contact { vertex, skin } in &self.contacts {
             let vertex = *vertex as usize;
             let normal = skin.normal(span.end);
             if (self.positions[vertex] - skin.position(span.end)).dot(normal) > offset + 1e-6 {
                 continue;
             }
-            let leaving = (self.velocities[vertex] - skin.way(span.start, span.end) / span.seconds).dot(normal);
+            let leaving =
+                (self.velocities[vertex] - skin.way(span.start, span.end) / span.seconds).dot(normal);
             if leaving > LARGEST_BOUNCE {
                 self.velocities[vertex] -= normal * (leaving - LARGEST_BOUNCE);
             }
@@ -410,7 +436,9 @@ impl Distance {
 fn distance_constraints(positions: &[DVec3], faces: &[[u32; 3]]) -> (Vec<Distance>, Vec<Distance>) {
     let mut sides: Vec<([u32; 2], u32)> = faces
         .iter()
-        .flat_map(|&[a, b, c]| [([a.min(b), a.max(b)], c), ([b.min(c), b.max(c)], a), ([c.min(a), c.max(a)], b)])
+        .flat_map(|&[a, b, c]| {
+            [([a.min(b), a.max(b)], c), ([b.min(c), b.max(c)], a), ([c.min(a), c.max(a)], b)]
+        })
         .collect();
     sides.sort_unstable();
     let distance = |vertices: [u32; 2]| {
@@ -428,4 +456,145 @@ fn distance_constraints(positions: &[DVec3], faces: &[[u32; 3]]) -> (Vec<Distanc
         }
     }
     (edges, bends)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::isosurface::ScalarGrid;
+
+    const RATE: f64 = 30.0;
+
+    /// A horizontal square sheet of side 0.6 m, centred above the origin.
+    fn sheet(height: f64, cells: usize) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+        let place = |count: usize| (count as f64 / cells as f64 - 0.5) * 0.6;
+        let positions = (0..=cells)
+            .flat_map(|z| (0..=cells).map(move |x| DVec3::new(place(x), height, place(z))))
+            .collect();
+        let faces = (0..cells)
+            .flat_map(|z| (0..cells).map(move |x| (z * (cells + 1) + x) as u32))
+            .flat_map(|corner| {
+                let row = cells as u32 + 1;
+                [[corner, corner + row, corner + 1], [corner + 1, corner + row, corner + row + 1]]
+            })
+            .collect();
+        (positions, faces)
+    }
+
+    fn ball(radius: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+        let half = DVec3::splat(radius + 0.03);
+        let mut grid = ScalarGrid::covering(-half, half, 0.01);
+        let [nx, ny, _] = grid.dimensions;
+        let origin = grid.origin;
+        for (sample, value) in grid.samples.iter_mut().enumerate() {
+            let place = [sample % nx, sample / nx % ny, sample / (nx * ny)].map(|count| count as f64 * 0.01);
+            *value = ((origin + DVec3::from_array(place)).length() - radius) as f32;
+        }
+        grid.surface()
+    }
+
+    /// Advances by whole frames over a body that stays where it is.
+    fn run(cloth: &mut Cloth, body: &(Vec<DVec3>, Vec<[u32; 3]>), frames: usize, settings: &ClothSettings) {
+        for _ in 0..frames {
+            let interval = BodyInterval::new(&body.1, &body.0, &body.0, 1.0 / RATE, settings).unwrap();
+            cloth.advance(&interval, settings);
+        }
+    }
+
+    fn far_away() -> (Vec<DVec3>, Vec<[u32; 3]>) {
+        let (mut positions, faces) = ball(0.05);
+        positions.iter_mut().for_each(|position| position.y -= 100.0);
+        (positions, faces)
+    }
+
+    fn vacuum() -> ClothSettings {
+        ClothSettings {
+            air_drag: 0.0,
+            damping_per_second: 0.0,
+            internal_damping: 0.0,
+            ..ClothSettings::default()
+        }
+    }
+
+    #[test]
+    fn cloth_falls_freely_in_a_vacuum() {
+        let (positions, faces) = sheet(0.0, 10);
+        let settings = vacuum();
+        let mut cloth = Cloth::new(positions, &faces, Vec::new(), &settings);
+        run(&mut cloth, &far_away(), 15, &settings);
+        let seconds = 15.0 / RATE;
+        let expected = -0.5 * settings.gravity * seconds * seconds;
+        // Symplectic Euler is early by half a substep: g·t·dt/2.
+        let early = settings.gravity * seconds / settings.substeps_per_second;
+        for (position, velocity) in cloth.positions().iter().zip(cloth.velocities()) {
+            assert!((position.y - expected).abs() < early, "{} {expected}", position.y);
+            assert!((velocity.y + settings.gravity * seconds).abs() < 1e-6);
+        }
+    }
+
+    /// Hung by two corners it swings: energy may go, but none may come.
+    #[test]
+    fn a_hanging_cloth_gains_no_energy_and_hardly_stretches() {
+        let (positions, faces) = sheet(0.0, 20);
+        let settings = ClothSettings::default();
+        let body = far_away();
+        let mut cloth = Cloth::new(positions, &faces, Vec::new(), &settings);
+        for vertex in 0..=20 {
+            cloth.inverse_masses[vertex] = 0.0;
+        }
+        let mut energy = 0.0;
+        for frame in 0..90 {
+            run(&mut cloth, &body, 1, &settings);
+            let now: f64 = cloth
+                .inverse_masses
+                .iter()
+                .zip(&cloth.positions)
+                .zip(&cloth.velocities)
+                .filter(|((inverse_mass, _), _)| **inverse_mass > 0.0)
+                .map(|((inverse_mass, position), velocity)| {
+                    (0.5 * velocity.length_squared() + settings.gravity * position.y) / inverse_mass
+                })
+                .sum();
+            assert!(now <= energy + 1e-3, "frame {frame}: energy rose from {energy} to {now} J");
+            energy = now;
+        }
+        let longest = cloth.stretch_ratios().fold(0.0, f64::max);
+        assert!(longest < 1.02, "longest edge is stretched to {longest}");
+        let lowest = cloth.positions().iter().map(|position| position.y).fold(f64::INFINITY, f64::min);
+        // It hangs down by its length, at most 2 % more.
+        assert!((0.55..0.612).contains(&-lowest), "{lowest}");
+    }
+
+    #[test]
+    fn a_cloth_on_a_ball_stays_out_of_it_and_comes_to_rest() {
+        let radius = 0.2;
+        let body = ball(radius);
+        let (positions, faces) = sheet(radius + 0.02, 30);
+        let settings = ClothSettings { friction: 0.6, ..ClothSettings::default() };
+        let mut cloth = Cloth::new(positions, &faces, Vec::new(), &settings);
+        run(&mut cloth, &body, 45, &settings);
+        let deepest =
+            cloth.positions().iter().map(|position| position.length() - radius).fold(f64::INFINITY, f64::min);
+        assert!(deepest > 0.002, "a vertex is {deepest} m from the skin; 4 mm are kept, 2 mm may be lost");
+        let fastest = cloth.velocities().iter().map(|velocity| velocity.length()).fold(0.0, f64::max);
+        assert!(fastest < 0.5, "{fastest} m/s after it settled");
+        let highest = cloth.positions().iter().map(|position| position.y).fold(f64::NEG_INFINITY, f64::max);
+        assert!((highest - radius - 0.004).abs() < 0.003, "it lies on top at {highest}");
+    }
+
+    #[test]
+    fn cloth_is_the_same_on_one_thread_and_two() {
+        let body = ball(0.2);
+        let settings = ClothSettings::default();
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let (positions, faces) = sheet(0.22, 20);
+                let mut cloth = Cloth::new(positions, &faces, Vec::new(), &settings);
+                run(&mut cloth, &body, 10, &settings);
+                cloth.positions().to_vec()
+            })
+        };
+        assert_eq!(on(1), on(2));
+    }
 }

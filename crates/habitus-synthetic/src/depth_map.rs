@@ -151,7 +151,8 @@ mod tests {
     fn a_tilted_square_is_seen_at_its_true_depth() {
         let camera = Camera::looking_at(DVec3::new(0.0, 0.0, 3.0), DVec3::ZERO, 200.0, 100, 100);
         // Depth 3 − z with z = x: 45 degrees about the vertical.
-        let positions = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)].map(|(x, y)| DVec3::new(x, y, x));
+        let positions =
+            [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)].map(|(x, y)| DVec3::new(x, y, x));
         let map = DepthMap::render(camera, &[(&positions, &[[0, 1, 2], [0, 2, 3]])]);
         for (x, y) in [(50, 50), (60, 40), (35, 55)] {
             let inverse = map.inverse_depth[y * 100 + x];

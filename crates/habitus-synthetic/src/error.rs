@@ -12,7 +12,9 @@ pub enum SyntheticError {
     #[error(transparent)]
     Archive(#[from] habitus::artifacts::npz::NpzError),
     /// A garment has no cloth left after its openings were cut.
-    #[error("the garment \"{garment}\" has no cloth on this body; give a larger ease or a smaller cloth_edge_mm")]
+    #[error(
+        "the garment \"{garment}\" has no cloth on this body; give a larger ease or a smaller cloth_edge_mm"
+    )]
     EmptyGarment {
         /// Name of the garment.
         garment: &'static str,

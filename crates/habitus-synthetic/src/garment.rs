@@ -90,6 +90,8 @@ pub struct Garment {
     pub anchors: Vec<Anchor>,
     /// How it moves.
     pub drive: Drive,
+    /// Number of garments that are worn beneath it.
+    pub layer: u32,
 }
 
 /// Inverse stiffness of the hidden stitches that keep a waistband or a shoulder in place, m/N.
@@ -100,12 +102,17 @@ const STITCH_BAND: f64 = 0.035;
 const JOIN_RADIUS: f64 = 0.02;
 
 /// Cuts the garments of an outfit to a body.
-pub fn tailor(outfit: Outfit, body: &RestBody, settings: &GarmentSettings) -> Result<Vec<Garment>, SyntheticError> {
+pub fn tailor(
+    outfit: Outfit,
+    body: &RestBody,
+    settings: &GarmentSettings,
+) -> Result<Vec<Garment>, SyntheticError> {
     match outfit {
         Outfit::Dress => Ok(vec![dress(body, settings).sew(body, settings)?]),
-        Outfit::ShirtAndTrousers => {
-            Ok(vec![trousers(body, settings).sew(body, settings)?, shirt(body, settings).sew(body, settings)?])
-        }
+        Outfit::ShirtAndTrousers => Ok(vec![
+            trousers(body, settings).sew(body, settings)?,
+            shirt(body, settings).sew(body, settings)?,
+        ]),
         Outfit::Tight => Ok(vec![second_skin(body, settings.tight_ease_mm / 1000.0)]),
     }
 }
@@ -161,6 +168,7 @@ const DEEPEST_INSIDE: f64 = 0.25;
 /// The order for one garment.
 struct Pattern<'a> {
     name: &'static str,
+    layer: u32,
     /// Room above the skin per bone, metres; zero where the garment does not cover.
     ease: [f64; Bone::COUNT],
     flare: Option<Flare>,
@@ -189,6 +197,7 @@ fn dress<'a>(body: &'a RestBody, settings: &GarmentSettings) -> Pattern<'a> {
     let neckline = Neckline::of(body, settings);
     Pattern {
         name: "dress",
+        layer: 0,
         ease: Bone::table(|bone| match bone {
             Bone::Pelvis | Bone::Thorax | Bone::LeftUpperArm | Bone::RightUpperArm => ease,
             Bone::LeftThigh | Bone::RightThigh => ease,
@@ -197,7 +206,10 @@ fn dress<'a>(body: &'a RestBody, settings: &GarmentSettings) -> Pattern<'a> {
         flare: Some(flare),
         legs: Vec::new(),
         keep: Box::new(move |position, bone| {
-            neckline.distance(position, bone).min(position.y - hem_height).min(body.before_on_arm(position, bone, 0.45))
+            neckline
+                .distance(position, bone)
+                .min(position.y - hem_height)
+                .min(body.before_on_arm(position, bone, 0.45))
         }),
         stitch: Box::new(move |position, bone| neckline.is_on_shoulder(position, bone)),
     }
@@ -218,6 +230,7 @@ fn shirt<'a>(body: &'a RestBody, settings: &GarmentSettings) -> Pattern<'a> {
     let neckline = Neckline::of(body, settings);
     Pattern {
         name: "shirt",
+        layer: 1,
         ease: Bone::table(|bone| match bone {
             Bone::Pelvis | Bone::Thorax | Bone::LeftUpperArm | Bone::RightUpperArm => ease * 0.6,
             Bone::LeftForearm | Bone::RightForearm | Bone::LeftHand | Bone::RightHand => ease,
@@ -227,7 +240,10 @@ fn shirt<'a>(body: &'a RestBody, settings: &GarmentSettings) -> Pattern<'a> {
         flare: Some(flare),
         legs: Vec::new(),
         keep: Box::new(move |position, bone| {
-            neckline.distance(position, bone).min(position.y - hem_height).min(body.before_on_arm(position, bone, 1.85))
+            neckline
+                .distance(position, bone)
+                .min(position.y - hem_height)
+                .min(body.before_on_arm(position, bone, 1.85))
         }),
         stitch: Box::new(move |position, bone| neckline.is_on_shoulder(position, bone)),
     }
@@ -245,6 +261,7 @@ fn trousers<'a>(body: &'a RestBody, settings: &GarmentSettings) -> Pattern<'a> {
     };
     Pattern {
         name: "trousers",
+        layer: 0,
         ease: Bone::table(|bone| match bone {
             Bone::Pelvis | Bone::Thorax => ease * 0.5,
             Bone::LeftThigh | Bone::RightThigh | Bone::LeftShank | Bone::RightShank => ease,
@@ -311,7 +328,8 @@ impl Pattern<'_> {
             .par_iter()
             .map(|&position| (self.keep)(position, body.nearest_bone(position)) > 0.0)
             .collect();
-        let faces = faces.into_iter().filter(|face| face.iter().all(|&vertex| is_kept[vertex as usize])).collect();
+        let faces =
+            faces.into_iter().filter(|face| face.iter().all(|&vertex| is_kept[vertex as usize])).collect();
         let (positions, faces) = compact(positions, faces);
         let (mut positions, faces) = sheet::largest_part(positions, faces);
         if faces.is_empty() {
@@ -319,7 +337,7 @@ impl Pattern<'_> {
         }
         sheet::smooth_borders(&mut positions, &faces, 8);
         let anchors = self.stitches(body, &positions);
-        Ok(Garment { name: self.name, positions, faces, anchors, drive: Drive::Simulated })
+        Ok(Garment { name: self.name, positions, faces, anchors, drive: Drive::Simulated, layer: self.layer })
     }
 
     fn solid(&self, body: &RestBody, spacing: f64) -> Triangles {
@@ -382,7 +400,13 @@ fn second_skin(body: &RestBody, thickness: f64) -> Garment {
                 cloth_vertex[vertex as usize] = anchors.len() as u32;
                 let barycentric = std::array::from_fn(|slot| if slot == corner { 1.0 } else { 0.0 });
                 let vertex = anchors.len() as u32;
-                anchors.push(Anchor { vertex, face: face_index as u32, barycentric, height: thickness, compliance: 0.0 });
+                anchors.push(Anchor {
+                    vertex,
+                    face: face_index as u32,
+                    barycentric,
+                    height: thickness,
+                    compliance: 0.0,
+                });
             }
         }
     }
@@ -390,7 +414,7 @@ fn second_skin(body: &RestBody, thickness: f64) -> Garment {
         *vertex = cloth_vertex[*vertex as usize];
     }
     let positions = follow_skin(&anchors, body.positions(), body.faces());
-    Garment { name: "suit", positions, faces, anchors, drive: Drive::FollowsSkin }
+    Garment { name: "suit", positions, faces, anchors, drive: Drive::FollowsSkin, layer: 0 }
 }
 
 /// Positions of anchored vertices on a body in any pose.

@@ -66,7 +66,9 @@ impl ScalarGrid {
                     let values: [f32; 8] = std::array::from_fn(corner);
                     let offset = mean_edge_crossing(&values);
                     cell_vertices[row + x] = positions.len() as u32;
-                    positions.push(self.origin + (DVec3::new(x as f64, y as f64, z as f64) + offset) * self.spacing);
+                    positions.push(
+                        self.origin + (DVec3::new(x as f64, y as f64, z as f64) + offset) * self.spacing,
+                    );
                 }
             }
         }

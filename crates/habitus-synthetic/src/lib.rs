@@ -19,8 +19,9 @@ pub mod isosurface;
 pub mod motion;
 mod random;
 pub mod rest_body;
-mod sheet;
 pub mod sequence;
+mod sheet;
 pub mod source_bodies;
+pub mod truth;
 
 pub use error::SyntheticError;

@@ -60,15 +60,18 @@ pub struct Stance {
     pub thorax_flexion: f64,
     /// Legs.
     pub legs: [LegAngles; 2],
+    /// Share of the weight that each foot may carry, 0 while it swings.
+    pub support: [f64; 2],
     /// Arms.
     pub arms: [ArmAngles; 2],
 }
 
-/// Sagittal joint angles over one gait cycle from heel strike, degrees in tenths of the cycle; rounded from the
-/// normative curves of natural cadence in Winter, *The Biomechanics and Motor Control of Human Gait* (1991).
-const HIP_FLEXION: [f64; 10] = [26.0, 24.0, 17.0, 8.0, -1.0, -9.0, -8.0, 7.0, 22.0, 28.0];
-const KNEE_FLEXION: [f64; 10] = [4.0, 14.0, 17.0, 11.0, 6.0, 9.0, 34.0, 60.0, 46.0, 14.0];
-const ANKLE_DORSIFLEXION: [f64; 10] = [0.0, -4.0, 3.0, 7.0, 10.0, 5.0, -15.0, -9.0, 0.0, 2.0];
+/// Sagittal joint angles over one gait cycle from heel strike, degrees in tenths of the cycle: near the normative
+/// curves of natural cadence in Winter, *The Biomechanics and Motor Control of Human Gait* (1991), with a little less
+/// reach, because these feet do not roll over their toes.
+const HIP_FLEXION: [f64; 10] = [22.0, 21.0, 16.0, 8.0, 0.0, -8.0, -8.0, 6.0, 19.0, 24.0];
+const KNEE_FLEXION: [f64; 10] = [3.0, 11.0, 13.0, 9.0, 6.0, 15.0, 40.0, 62.0, 48.0, 15.0];
+const ANKLE_DORSIFLEXION: [f64; 10] = [0.0, -4.0, 3.0, 7.0, 9.0, 6.0, -8.0, -3.0, 3.0, 3.0];
 /// Duration of a gait cycle at natural cadence, seconds (Winter 1991: 105–115 steps per minute).
 const CYCLE_SECONDS: f64 = 1.1;
 /// A turn on the spot, radians per second: a quarter turn with each pair of steps.
@@ -104,7 +107,8 @@ fn gait(time: f64, phase: f64, stride: f64, turn_rate: f64) -> Stance {
                 .to_radians(),
             hip_abduction: 1.5_f64.to_radians(),
             knee_flexion: knee.to_radians(),
-            ankle_dorsiflexion: (periodic(&ANKLE_DORSIFLEXION, cycle) * stride + knee * 0.15 * (lift - stride))
+            ankle_dorsiflexion: (periodic(&ANKLE_DORSIFLEXION, cycle) * stride
+                + knee * 0.15 * (lift - stride))
                 .to_radians(),
         }
     };
@@ -124,8 +128,17 @@ fn gait(time: f64, phase: f64, stride: f64, turn_rate: f64) -> Stance {
         thorax_list: (-2.0 * list).to_radians(),
         thorax_flexion: 3.0_f64.to_radians(),
         legs: [leg(left_phase), leg((left_phase + 0.5).fract())],
+        support: [support(left_phase), support((left_phase + 0.5).fract())],
         arms: [arm(-swing), arm(swing)],
     }
+}
+
+/// One while a foot stands, zero while it swings, with smooth double support between (Winter 1991: 10 % each).
+fn support(cycle: f64) -> f64 {
+    let after_strike = (cycle / 0.08).min(1.0);
+    let before_lift = ((0.60 - cycle) / 0.08).clamp(0.0, 1.0);
+    let share = after_strike * before_lift;
+    share * share * (3.0 - 2.0 * share)
 }
 
 fn knee_pulls(time: f64, phase: f64) -> Stance {
@@ -145,12 +158,15 @@ fn knee_pulls(time: f64, phase: f64) -> Stance {
         elbow_flexion: (20.0 + 45.0 * lift).to_radians(),
     };
     let side = if is_left { 1.0 } else { -1.0 };
+    // A foot leaves the floor within the first tenth of the pull.
+    let support_of = |lift: f64| (1.0 - lift * 10.0).max(0.0);
     let (left, right) = if is_left { (lift, 0.0) } else { (0.0, lift) };
     Stance {
         pelvis_list: (2.5 * lift * side).to_radians(),
         thorax_list: (-3.0 * lift * side).to_radians(),
         thorax_flexion: (2.0 + 5.0 * lift).to_radians(),
         legs: [leg(left), leg(right)],
+        support: [support_of(left), support_of(right)],
         arms: [arm(right), arm(left)],
         ..Stance::default()
     }

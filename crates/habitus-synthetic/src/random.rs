@@ -9,9 +9,9 @@ pub(crate) struct Random {
 impl Random {
     /// A stream of its own for each item, so that adding an item never changes another's draws.
     pub(crate) fn named(seed: u64, name: &str) -> Self {
-        let fnv = name
-            .bytes()
-            .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3));
+        let fnv = name.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3)
+        });
         let mut random = Self { state: fnv ^ seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) };
         random.next();
         random

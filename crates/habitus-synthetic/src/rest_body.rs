@@ -142,7 +142,11 @@ impl RestBody {
     /// A value per bone, interpolated over a face.
     pub(crate) fn interpolate(&self, face: u32, barycentric: [f64; 3], values: &[f64; Bone::COUNT]) -> f64 {
         let corners = self.faces[face as usize];
-        corners.iter().zip(barycentric).map(|(&vertex, share)| values[self.bones[vertex as usize] as usize] * share).sum()
+        corners
+            .iter()
+            .zip(barycentric)
+            .map(|(&vertex, share)| values[self.bones[vertex as usize] as usize] * share)
+            .sum()
     }
 
     /// The bone of the nearest corner of a face.

@@ -73,7 +73,12 @@ impl DressedSequenceSettings {
                 contact_updates_per_second: 60.0,
                 ..defaults.cloth
             },
-            capture: CaptureSettings { camera_count: 16, image_height: 320, voxel_mm: 22.0, ..defaults.capture },
+            capture: CaptureSettings {
+                camera_count: 16,
+                image_height: 320,
+                voxel_mm: 22.0,
+                ..defaults.capture
+            },
             ..defaults
         }
     }
@@ -169,13 +174,30 @@ impl<'a> Performance<'a> {
             .iter()
             .map(|garment| {
                 let positions = garment.positions.clone();
-                let mut cloth = Cloth::new(positions, &garment.faces, garment.anchors.clone(), &settings.cloth);
+                let mut cloth =
+                    Cloth::new(positions, &garment.faces, garment.anchors.clone(), &settings.cloth)
+                        .over(garment.layer, &settings.cloth);
                 cloth.shift(shift);
                 cloth
             })
             .collect();
-        let body_vertices = model.pose_vertices(body.positions(), &model.skeleton().pose(body.joints(), pose.parameters()));
-        Ok(Self { model, settings, body, garments, cloths, animation, next_step: -settle_steps + 1, body_vertices })
+        let body_vertices =
+            model.pose_vertices(body.positions(), &model.skeleton().pose(body.joints(), pose.parameters()));
+        Ok(Self {
+            model,
+            settings,
+            body,
+            garments,
+            cloths,
+            animation,
+            next_step: -settle_steps + 1,
+            body_vertices,
+        })
+    }
+
+    /// What the sequence depends on.
+    pub fn settings(&self) -> &DressedSequenceSettings {
+        self.settings
     }
 
     /// The person at rest.
@@ -212,7 +234,8 @@ impl<'a> Performance<'a> {
         let faces = self.body.faces();
         let cloth_settings = &self.settings.cloth;
         if self.garments.iter().any(|garment| garment.drive == Drive::Simulated) {
-            let interval = BodyInterval::new(faces, &self.body_vertices, &vertices, 1.0 / rate, cloth_settings)?;
+            let interval =
+                BodyInterval::new(faces, &self.body_vertices, &vertices, 1.0 / rate, cloth_settings)?;
             let garments = self.cloths.par_iter_mut().zip(&self.garments);
             garments
                 .filter(|(_, garment)| garment.drive == Drive::Simulated)
@@ -229,7 +252,8 @@ impl<'a> Performance<'a> {
             .collect();
         self.next_step += 1;
         self.body_vertices.clone_from(&vertices);
-        let landmarks = self.model.landmark_vertices().iter().map(|&vertex| vertices[vertex as usize]).collect();
+        let landmarks =
+            self.model.landmark_vertices().iter().map(|&vertex| vertices[vertex as usize]).collect();
         Ok(Scene { pose, joints: posed.joints, body_vertices: vertices, landmarks, garment_positions })
     }
 }
@@ -358,7 +382,8 @@ pub fn stream(performance: &mut Performance<'_>, sink: FrameSink<'_>) -> Result<
     while captured < frame_count {
         let ahead = FRAMES_AHEAD.min(frame_count - captured - waiting.len());
         let scenes = std::mem::take(&mut waiting);
-        let (next, frames) = rayon::join(|| simulate(performance, ahead), || stage.capture_all(captured, scenes));
+        let (next, frames) =
+            rayon::join(|| simulate(performance, ahead), || stage.capture_all(captured, scenes));
         waiting = next?;
         for frame in frames {
             sink(frame?)?;

@@ -21,7 +21,8 @@ pub(crate) fn even_out(
             .enumerate()
             .map(|(vertex, &position)| {
                 let ring = &neighbours[vertex];
-                let mean = ring.iter().map(|&other| positions[other as usize]).sum::<DVec3>() / ring.len().max(1) as f64;
+                let mean = ring.iter().map(|&other| positions[other as usize]).sum::<DVec3>()
+                    / ring.len().max(1) as f64;
                 to_zero_level(position.lerp(mean, 0.5), &distance)
             })
             .collect();
@@ -33,7 +34,8 @@ pub(crate) fn even_out(
 fn to_zero_level(position: DVec3, distance: &impl Fn(DVec3) -> f64) -> DVec3 {
     const REACH: f64 = 1e-3;
     const LONGEST_STEP: f64 = 0.01;
-    let slope = |axis: DVec3| (distance(position + axis * REACH) - distance(position - axis * REACH)) / (2.0 * REACH);
+    let slope =
+        |axis: DVec3| (distance(position + axis * REACH) - distance(position - axis * REACH)) / (2.0 * REACH);
     let gradient = DVec3::new(slope(DVec3::X), slope(DVec3::Y), slope(DVec3::Z));
     if gradient.length_squared() < 1e-6 {
         return position;
@@ -64,7 +66,11 @@ fn border_edges(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
         .map(|[a, b]| [a.min(b), a.max(b)])
         .collect();
     edges.sort_unstable();
-    edges.chunk_by(|first, second| first == second).filter(|group| group.len() == 1).map(|group| group[0]).collect()
+    edges
+        .chunk_by(|first, second| first == second)
+        .filter(|group| group.len() == 1)
+        .map(|group| group[0])
+        .collect()
 }
 
 /// Takes the staircase out of cut borders: each border vertex moves towards the middle of its border neighbours.
