@@ -6,16 +6,18 @@
 //! A stage whose inputs, settings and version are those of the files on disk is not done again; one that was killed
 //! goes on from its journal.
 
+mod capture_origin;
 mod input_key;
 mod run_folder;
 mod sequence_run;
 mod summary;
 mod user_landmarks;
 
+pub use capture_origin::CaptureOrigin;
 pub use input_key::InputKey;
 pub use run_folder::{RunFolder, RunFolderError, StageFolder, StageName};
 pub use sequence_run::{
-    MeasuredFit, RunError, SequenceInput, SequenceRun, file_names, measure_fit, measure_rest_body,
+    MeasuredFit, RunError, SequenceInput, SequenceRun, file_names, measure_fit, measure_rest_body, measure_stored_fit,
     read_stored_fit,
 };
 pub use summary::{CodeSummary, MeasurementSummary, Seconds, Summary};

@@ -5,6 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use habitus_optimize::Observer;
+use rayon::prelude::*;
 use thiserror::Error;
 
 use super::input_key::InputKey;
@@ -12,8 +13,10 @@ use super::run_folder::{RunFolder, RunFolderError, StageFolder, StageName};
 use super::user_landmarks::LandmarkFileError;
 use crate::artifacts::frames::{FrameError, FrameSource};
 use crate::artifacts::measurements::{Measurement, write_measurements};
-use crate::artifacts::rigged_sequence::{Rig, RiggedSequence};
+use crate::artifacts::provenance::{InputFile, Provenance, ProvenanceError};
+use crate::artifacts::rigged_sequence::{FrameRate, Rig, RiggedSequence};
 use crate::artifacts::sequence_files::{FitFileError, read_fit, write_fit, write_landmarks};
+use crate::artifacts::skinned_glb::{SkinnedGlbError, write_skinned_glb};
 use crate::body::{BodyModel, ModelFileError};
 use crate::stages::fit_sequence::{FitSequenceConfig, FitSequenceError, UserLandmark, fit_sequence};
 use crate::stages::measure::{Definitions, DefinitionsError, MeasureError, measure, measure_identity};
@@ -39,12 +42,26 @@ pub enum RunError {
     /// A result cannot be written or read.
     #[error(transparent)]
     Files(#[from] FitFileError),
+    /// The animation cannot be written.
+    #[error(transparent)]
+    Animation(#[from] SkinnedGlbError),
+    /// The provenance cannot be made or written.
+    #[error(transparent)]
+    Provenance(#[from] ProvenanceError),
     /// The definitions of measurements are broken.
     #[error(transparent)]
     Definitions(#[from] DefinitionsError),
     /// The body cannot be measured.
     #[error(transparent)]
     Measure(#[from] MeasureError),
+    /// The fit was made with another model.
+    #[error("the fit was made with the body model '{needed}', not with '{found}'; give it with --model")]
+    OtherModel {
+        /// Name of the fit's model.
+        needed: String,
+        /// Name of the given model.
+        found: String,
+    },
     /// There is no fit in the folder.
     #[error("{}: holds no finished fit (no {}); run habitus fit-sequence with -o {} first", path.display(), missing.display(), path.display())]
     NoFit {
@@ -73,7 +90,7 @@ pub mod file_names {
 
 /// All that a fit depends on.
 pub struct SequenceInput<'a> {
-    /// Files of the captures, for the key.
+    /// Files of the captures, for the provenance.
     pub files: &'a [PathBuf],
     /// The captures.
     pub source: &'a dyn FrameSource,
@@ -83,6 +100,8 @@ pub struct SequenceInput<'a> {
     pub config: &'a FitSequenceConfig,
     /// Landmarks that the user gives.
     pub landmarks: &'a [UserLandmark],
+    /// Captured frames per second, for the animation.
+    pub frame_rate: FrameRate,
 }
 
 /// A fit and what was measured on its body.
@@ -98,30 +117,26 @@ pub struct MeasuredFit {
 pub struct SequenceRun<'a> {
     input: SequenceInput<'a>,
     stage: StageFolder,
+    provenance: Provenance,
     key: String,
 }
 
 impl<'a> SequenceRun<'a> {
-    /// Reads the inputs once for their key.
-    pub fn prepare(run: &RunFolder, input: SequenceInput<'a>) -> Result<Self, RunError> {
+    /// Reads the inputs once for the provenance; the key follows from it.
+    pub fn prepare(run: &RunFolder, verb: &str, input: SequenceInput<'a>) -> Result<Self, RunError> {
         let stage = run.stage(StageName::FitSequence)?;
+        let mut provenance = Provenance::new(verb, input.config, input.config.seed)?.with_model(input.model);
+        provenance.inputs = input.files.par_iter().map(|path| input_file(path)).collect();
         let mut key = InputKey::new();
-        key.add_text(env!("CARGO_PKG_VERSION"));
-        key.add_text(&serde_json::to_string(input.config).unwrap_or_default());
+        key.add_text(&toml::to_string(&provenance).map_err(ProvenanceError::from)?);
         key.add_text(&serde_json::to_string(input.landmarks).unwrap_or_default());
-        key.add_model(input.model);
-        key.add_files(input.files);
-        Ok(Self { input, stage, key: key.text() })
+        key.add_text(&input.frame_rate.frames_per_second().to_string());
+        Ok(Self { input, stage, provenance, key: key.text() })
     }
 
     /// Whether the results in the folder are those of these inputs.
     pub fn is_finished(&self) -> bool {
         self.stage.is_finished(&self.key)
-    }
-
-    /// The key of the inputs.
-    pub fn key(&self) -> &str {
-        &self.key
     }
 
     /// Folder of the stage.
@@ -133,6 +148,13 @@ impl<'a> SequenceRun<'a> {
     pub fn start_afresh(&self) -> Result<(), RunError> {
         self.stage.mark_unfinished()?;
         Ok(self.stage.remove(file_names::JOURNAL)?)
+    }
+
+    /// Frames that an earlier, killed run has tracked under the same key.
+    pub fn finished_frames(&self) -> Result<usize, RunError> {
+        let journal = self.stage.journal(file_names::JOURNAL, &self.key)?;
+        // The first entry is the start.
+        Ok(journal.finished::<serde_json::Value>().len().saturating_sub(1))
     }
 
     /// Fits, going on after the frames that an earlier, killed run has finished, and measures.
@@ -154,9 +176,20 @@ impl<'a> SequenceRun<'a> {
         let table = self.stage.file(file_names::MEASUREMENTS);
         write_measurements(&table, measurements)
             .map_err(|source| RunFolderError::Unusable { path: table, source })?;
+        write_skinned_glb(&self.stage.file(file_names::ANIMATION), fit, self.input.frame_rate)?;
+        self.provenance.write(&self.stage.file(file_names::PROVENANCE))?;
         self.stage.mark_finished(&self.key)?;
         Ok(self.stage.remove(file_names::JOURNAL)?)
     }
+}
+
+/// One file that cannot be read must not end a run of thousands: it becomes a failed frame.
+fn input_file(path: &Path) -> InputFile {
+    InputFile::of(path).unwrap_or_else(|_| InputFile {
+        name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        size: 0,
+        fingerprint: "unreadable".into(),
+    })
 }
 
 /// Takes all standard measurements that the model has the names for.
@@ -167,6 +200,18 @@ pub fn measure_fit(
 ) -> Result<Vec<Measurement>, RunError> {
     let (definitions, _) = Definitions::standard()?.available_in(model);
     Ok(measure_identity(model, identity, covariance, &definitions)?)
+}
+
+/// Measures the body of a fit that was read from its file; `model` must be the one that it was fitted with.
+pub fn measure_stored_fit(model: &BodyModel, fit: &RiggedSequence) -> Result<Vec<Measurement>, RunError> {
+    if model.metadata().name != fit.rig.model_name || model.vertex_count() != fit.sequence.rest_vertices.len()
+    {
+        return Err(RunError::OtherModel {
+            needed: fit.rig.model_name.clone(),
+            found: model.metadata().name.clone(),
+        });
+    }
+    measure_fit(model, &fit.sequence.identity, Some(&fit.sequence.identity_covariance))
 }
 
 /// Takes the same measurements of a rest body that need not lie in the model's space; vertices in metres.

@@ -1,0 +1,58 @@
+//! The command line as a whole; each verb's own arguments stand with the verb.
+
+use std::num::NonZeroUsize;
+
+use clap::{Parser, Subcommand};
+
+use crate::commands::{
+    completions, config, demo, evaluate, export, fit_sequence, generate, measure, render, report,
+};
+
+const EXAMPLES: &str = "\
+Examples:
+  habitus demo                                  make a dressed sequence, fit it, compare it with the truth
+  habitus fit-sequence captures/ -o run         fit a folder of meshes; then open run/report.html
+  habitus measure run                           show the body's measurements
+  habitus export run --ply bodies               write one body mesh a frame
+
+Exit codes: 0 all is fine; 1 an error; 2 wrong usage; 3 finished, but some bodies must not be used unseen.";
+
+/// Finds the body under the clothes in 3D captures of people in motion.
+#[derive(Debug, Parser)]
+#[command(name = "habitus", version, after_help = EXAMPLES, max_term_width = 110)]
+pub struct Arguments {
+    /// Print nothing but results and errors
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+    /// Threads to work with; results do not depend on it [default: all cores]
+    #[arg(long, short, value_name = "N", global = true)]
+    pub jobs: Option<NonZeroUsize>,
+    /// What to do
+    #[command(subcommand)]
+    pub verb: Verb,
+}
+
+/// The verbs.
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// Make a dressed sequence, fit it and compare the fit with the truth
+    Demo(demo::DemoArguments),
+    /// Find one body and its motion in a folder of dressed captures
+    FitSequence(fit_sequence::FitSequenceArguments),
+    /// Show a body's measurements
+    Measure(measure::MeasureArguments),
+    /// Write the report of a run folder again
+    Report(report::ReportArguments),
+    /// Draw meshes or runs as a picture
+    Render(render::RenderArguments),
+    /// Write a run as mesh files, animation or motion
+    Export(export::ExportArguments),
+    /// Make captures of a dressed person with exact truth
+    Generate(generate::GenerateArguments),
+    /// Compare results with the truth
+    Evaluate(evaluate::EvaluateArguments),
+    /// Print all settings with their defaults
+    Config(config::ConfigArguments),
+    /// Print a completion script for a shell
+    Completions(completions::CompletionsArguments),
+}

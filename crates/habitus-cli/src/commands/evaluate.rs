@@ -1,0 +1,77 @@
+//! `habitus evaluate`.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use anyhow::Context;
+use clap::{Args, Subcommand};
+use habitus::artifacts::write_atomically;
+use habitus::evaluation::sequence_accuracy::SequenceAccuracy;
+use habitus::pipeline::{MeasuredFit, measure_stored_fit, read_stored_fit};
+use habitus_synthetic::truth::DressedTruth;
+
+use crate::Outcome;
+use crate::commands::generate::sequence_truth;
+use crate::console::Console;
+use crate::sequence_job::{accuracy, accuracy_table, load_model};
+
+const EXAMPLES: &str = "\
+Examples:
+  habitus evaluate sequence run --truth dressed
+  habitus evaluate sequence run_default run_paper --truth dressed -o accuracy.json";
+
+/// Arguments of the verb.
+#[derive(Debug, Args)]
+pub struct EvaluateArguments {
+    /// What is evaluated
+    #[command(subcommand)]
+    pub subject: Subject,
+}
+
+/// What can be evaluated.
+#[derive(Debug, Subcommand)]
+pub enum Subject {
+    /// Compare fits with the sequence that was made by: habitus generate
+    Sequence(SequenceArguments),
+}
+
+/// Arguments for sequences.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct SequenceArguments {
+    /// Run folders or fit.npz files
+    #[arg(required = true)]
+    pub runs: Vec<PathBuf>,
+    /// Folder of the generated sequence
+    #[arg(long, value_name = "DIR")]
+    pub truth: PathBuf,
+    /// Body model that the runs were fitted with [default: the one inside the program]
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Write the numbers as JSON too
+    #[arg(long, short, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+}
+
+/// Compares.
+pub fn run(arguments: &EvaluateArguments, console: &Console) -> anyhow::Result<Outcome> {
+    let Subject::Sequence(arguments) = &arguments.subject;
+    let model = load_model(arguments.model.as_deref())?;
+    let truth = sequence_truth(&model, &DressedTruth::read(&arguments.truth)?);
+    let mut results: BTreeMap<String, SequenceAccuracy> = BTreeMap::new();
+    for run in &arguments.runs {
+        let fit = read_stored_fit(run)?;
+        let measurements = measure_stored_fit(&model, &fit)?;
+        let name = run.display().to_string();
+        let found = accuracy(&model, &MeasuredFit { fit, measurements }, &truth)
+            .with_context(|| format!("{name} and {}", arguments.truth.display()))?;
+        console.result(format!("{name}\n{}", accuracy_table(&found)));
+        results.insert(name, found);
+    }
+    if let Some(path) = &arguments.output {
+        let text = serde_json::to_string_pretty(&results)? + "\n";
+        write_atomically(path, text.as_bytes())
+            .with_context(|| format!("{}: the numbers cannot be written", path.display()))?;
+    }
+    Ok(Outcome::Fine)
+}

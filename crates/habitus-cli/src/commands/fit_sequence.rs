@@ -1,0 +1,167 @@
+//! `habitus fit-sequence`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use habitus::pipeline::{CaptureOrigin, RunFolder, Summary};
+use habitus::stages::fit_sequence::config::{Recipe, UnitChoice, UpChoice};
+
+use crate::Outcome;
+use crate::config_file::SettingsArguments;
+use crate::console::Console;
+use crate::sequence_job::{self, SequenceJob, load_model};
+
+const EXAMPLES: &str = "\
+Examples:
+  habitus fit-sequence captures/ -o run
+  habitus fit-sequence 'scan_%04d.obj' -o run --unit mm --up z
+  habitus fit-sequence captures/ -o run --first 10 --last 99 --step 3
+  habitus fit-sequence captures/ -o run --landmarks marks.csv --set fit_sequence.components=40
+
+INPUT is a folder, one file, or a pattern such as scan_%04d.ply; PLY, OBJ, STL, OFF and GLB are read, and each frame
+may have its own connectivity. Results are in the input's own frame and unit. A killed run goes on where it stopped
+when the same command is given again.";
+
+/// Arguments of the verb.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct FitSequenceArguments {
+    /// Folder, file or pattern of captures
+    pub input: PathBuf,
+    /// Run folder for all results
+    #[arg(long, short, value_name = "RUN")]
+    pub output: PathBuf,
+    /// Body model [default: the one inside the program]
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// How to fit
+    #[arg(long, value_enum)]
+    pub recipe: Option<RecipeName>,
+    /// Table frame,landmark,x,y,z of landmarks that you know, in the input's own coordinates
+    #[arg(long, value_name = "FILE")]
+    pub landmarks: Option<PathBuf>,
+    /// Unit of the input
+    #[arg(long, value_enum)]
+    pub unit: Option<UnitName>,
+    /// Axis of the input that points up
+    #[arg(long, value_enum)]
+    pub up: Option<UpName>,
+    /// First frame, counted from 0
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub first: usize,
+    /// Last frame
+    #[arg(long, value_name = "N")]
+    pub last: Option<usize>,
+    /// Take every N-th frame only
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub step: u32,
+    /// Captured frames per second, for animation and report
+    #[arg(long, value_name = "FPS", default_value_t = 30.0)]
+    pub frame_rate: f64,
+    /// Do finished work again
+    #[arg(long)]
+    pub force: bool,
+    /// Settings of the stage
+    #[command(flatten)]
+    pub settings: SettingsArguments,
+}
+
+/// Names of the recipes.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum RecipeName {
+    /// Robust tracking and joint refinement
+    Default,
+    /// The published method of 2016 as printed
+    Paper2016,
+}
+
+/// Names of the units.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum UnitName {
+    /// Guess from the stature
+    Auto,
+    /// Metres
+    M,
+    /// Centimetres
+    Cm,
+    /// Millimetres
+    Mm,
+}
+
+/// Names of the axes.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum UpName {
+    /// Decide from the capture
+    Auto,
+    /// x
+    X,
+    /// y
+    Y,
+    /// z
+    Z,
+}
+
+/// Fits a sequence.
+pub fn run(arguments: &FitSequenceArguments, console: &Console) -> anyhow::Result<Outcome> {
+    let mut config = arguments.settings.load()?.fit_sequence;
+    match arguments.recipe {
+        Some(RecipeName::Default) => config.recipe = Recipe::Default,
+        Some(RecipeName::Paper2016) => config.recipe = Recipe::Paper2016,
+        None => {}
+    }
+    if let Some(unit) = arguments.unit {
+        config.unit = match unit {
+            UnitName::Auto => UnitChoice::Auto,
+            UnitName::M => UnitChoice::M,
+            UnitName::Cm => UnitChoice::Cm,
+            UnitName::Mm => UnitChoice::Mm,
+        };
+    }
+    if let Some(up) = arguments.up {
+        config.up = match up {
+            UpName::Auto => UpChoice::Auto,
+            UpName::X => UpChoice::X,
+            UpName::Y => UpChoice::Y,
+            UpName::Z => UpChoice::Z,
+        };
+    }
+    let origin = CaptureOrigin {
+        input: arguments.input.clone(),
+        first: arguments.first,
+        last: arguments.last,
+        step: arguments.step as usize,
+        frame_rate: arguments.frame_rate,
+    };
+    // Wrong inputs must not leave a run folder behind.
+    origin.frames()?;
+    sequence_job::frame_rate(arguments.frame_rate)?;
+    let model = load_model(arguments.model.as_deref())?;
+    let run = RunFolder::open(&arguments.output)?;
+    let job = SequenceJob {
+        verb: "fit-sequence",
+        run: &run,
+        origin,
+        model: &model,
+        config: &config,
+        landmarks: arguments.landmarks.clone(),
+        truth: None,
+        is_forced: arguments.force,
+    };
+    let (summary, outcome) = sequence_job::run(&job, console)?;
+    tell_summary(&summary, &run, console);
+    Ok(outcome)
+}
+
+/// The few numbers that one wants at the end, and where the rest is.
+pub fn tell_summary(summary: &Summary, run: &RunFolder, console: &Console) {
+    let seconds = summary.seconds;
+    console.note(format!(
+        "{} frames in {:.1} s ({:.1} a second), {} failed; body {:.1} % outside the capture by more than 5 mm",
+        summary.frames,
+        seconds.total,
+        summary.frames_per_second,
+        summary.failed_frames,
+        summary.outside_share_5mm * 100.0
+    ));
+    console.result(run.path().join("report.html").display());
+}

@@ -1,0 +1,199 @@
+//! `habitus generate`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use clap::{Args, ValueEnum};
+use habitus::body::BodyModel;
+use habitus::evaluation::sequence_accuracy::SequenceTruth;
+use habitus_synthetic::capture::CaptureMode;
+use habitus_synthetic::garment::Outfit;
+use habitus_synthetic::motion::Motion;
+use habitus_synthetic::sequence::DressedSequenceSettings;
+use habitus_synthetic::source_bodies::source_body_names;
+use habitus_synthetic::truth::{DressedTruth, TRUTH_FILE, write_sequence};
+
+use crate::Outcome;
+use crate::config_file::SettingsArguments;
+use crate::console::Console;
+use crate::progress::StageBar;
+
+const EXAMPLES: &str = "\
+Examples:
+  habitus generate -o dressed
+  habitus generate -o dressed --outfit shirt-and-trousers --motion knee-pulls --frames 90 --subject 3
+
+Writes frame_0000.ply … and truth.npz: rest body, poses, joints and posed bodies in metres, y up. The bodies are not
+instances of the body model that is fitted.";
+
+/// Arguments of the verb.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct GenerateArguments {
+    /// Folder for captures and truth
+    #[arg(long, short, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Start of all random numbers
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Number of frames
+    #[arg(long, value_name = "N")]
+    pub frames: Option<usize>,
+    /// What the person wears
+    #[arg(long, value_enum)]
+    pub outfit: Option<OutfitName>,
+    /// What the person does
+    #[arg(long, value_enum)]
+    pub motion: Option<MotionName>,
+    /// Which person: a number from 0, or a name
+    #[arg(long, value_name = "SUBJECT")]
+    pub subject: Option<String>,
+    /// How the person is captured
+    #[arg(long, value_enum)]
+    pub capture: Option<CaptureName>,
+    /// Replace an earlier sequence in the folder
+    #[arg(long)]
+    pub force: bool,
+    /// Settings of the sequence
+    #[command(flatten)]
+    pub settings: SettingsArguments,
+}
+
+/// Names of the outfits.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum OutfitName {
+    /// A wide dress
+    Dress,
+    /// A loose shirt over wide trousers
+    ShirtAndTrousers,
+    /// A suit like a second skin
+    Tight,
+}
+
+/// Names of the motions.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum MotionName {
+    /// Straight ahead
+    Walk,
+    /// Along a circle
+    WalkAndTurn,
+    /// On the spot
+    TurnOnSpot,
+    /// One knee after the other
+    KneePulls,
+}
+
+/// Names of the captures.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum CaptureName {
+    /// Depth from all sides
+    Scanner,
+    /// Silhouettes from all sides
+    VisualHull,
+}
+
+/// Makes a sequence.
+pub fn run(arguments: &GenerateArguments, console: &Console) -> anyhow::Result<Outcome> {
+    let settings = settings(arguments)?;
+    let model = BodyModel::default_space()?;
+    let folder = &arguments.output;
+    let truth = make_sequence(&model, &settings, folder, arguments.force, console)?;
+    console.note(format!("{} frames with truth", truth.posed_vertices.len()));
+    console.result(folder.display());
+    Ok(Outcome::Fine)
+}
+
+fn settings(arguments: &GenerateArguments) -> anyhow::Result<DressedSequenceSettings> {
+    let mut settings = arguments.settings.load()?.generate;
+    settings.seed = arguments.seed.unwrap_or(settings.seed);
+    settings.frame_count = arguments.frames.unwrap_or(settings.frame_count);
+    if let Some(outfit) = arguments.outfit {
+        settings.outfit = match outfit {
+            OutfitName::Dress => Outfit::Dress,
+            OutfitName::ShirtAndTrousers => Outfit::ShirtAndTrousers,
+            OutfitName::Tight => Outfit::Tight,
+        };
+    }
+    if let Some(motion) = arguments.motion {
+        settings.motion = match motion {
+            MotionName::Walk => Motion::Walk,
+            MotionName::WalkAndTurn => Motion::WalkAndTurn,
+            MotionName::TurnOnSpot => Motion::TurnOnSpot,
+            MotionName::KneePulls => Motion::KneePulls,
+        };
+    }
+    if let Some(capture) = arguments.capture {
+        settings.capture.mode = match capture {
+            CaptureName::Scanner => CaptureMode::Scanner,
+            CaptureName::VisualHull => CaptureMode::VisualHull,
+        };
+    }
+    if let Some(subject) = &arguments.subject {
+        let names = source_body_names()?;
+        let number = subject.parse().ok().filter(|number| *number < names.len());
+        settings.source_body =
+            number.or_else(|| names.iter().position(|name| name == subject)).with_context(|| {
+                format!("--subject {subject}: there are 0 to {}: {}", names.len() - 1, names.join(", "))
+            })?;
+    }
+    Ok(settings)
+}
+
+/// Makes a sequence in a folder, unless it is there already.
+pub fn make_sequence(
+    model: &BodyModel,
+    settings: &DressedSequenceSettings,
+    folder: &Path,
+    is_forced: bool,
+    console: &Console,
+) -> anyhow::Result<SequenceTruth> {
+    if folder.join(TRUTH_FILE).is_file() {
+        let found = DressedTruth::read(folder);
+        if let (Ok(found), false) = (&found, is_forced) {
+            if found.settings == *settings {
+                console.note(format!("{}: already made with these settings", folder.display()));
+                return Ok(sequence_truth(model, found));
+            }
+        }
+    }
+    make_room(folder)?;
+    let mut bar = StageBar::new(console);
+    let made = write_sequence(model, settings, folder, &mut |done, total| bar.show("make", done, total));
+    bar.clear();
+    Ok(sequence_truth(model, &made?))
+}
+
+/// Removes an earlier sequence, finished or not, and refuses a folder with anything else in it.
+fn make_room(folder: &Path) -> anyhow::Result<()> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Ok(()) };
+    let mut old = Vec::new();
+    for entry in entries {
+        let path = entry.with_context(|| format!("{}: cannot be listed", folder.display()))?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let is_capture = name.strip_prefix("frame_").is_some_and(|rest| {
+            let digits = rest.split('.').next().unwrap_or_default();
+            digits.len() >= 4 && digits.bytes().all(|byte| byte.is_ascii_digit())
+        });
+        if !(is_capture || name.starts_with(TRUTH_FILE)) {
+            bail!(
+                "{}: holds {name}, which is no part of a generated sequence; name an empty folder",
+                folder.display()
+            );
+        }
+        old.push(path);
+    }
+    for path in old {
+        std::fs::remove_file(&path).with_context(|| format!("{}: cannot be removed", path.display()))?;
+    }
+    Ok(())
+}
+
+/// What a fit is compared with.
+pub fn sequence_truth(model: &BodyModel, truth: &DressedTruth) -> SequenceTruth {
+    SequenceTruth {
+        rest_vertices: truth.rest_vertices.clone(),
+        rest_joints: model.joints(&truth.rest_vertices),
+        posed_vertices: truth.posed_vertices.clone(),
+        joints: truth.joints.clone(),
+    }
+}
