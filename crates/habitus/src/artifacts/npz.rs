@@ -149,6 +149,9 @@ impl NpzReader {
     fn numbers(&mut self, key: &str) -> Result<Array<f64>, NpzError> {
         let bytes = self.member(key)?;
         let fail = |reason: String| NpzError::Invalid { path: self.path.clone(), key: key.into(), reason };
+        let Some(data_start) = start_of_data(&bytes) else {
+            return Err(fail("claims more elements than can be counted, or has no readable header".into()));
+        };
         let file = NpyFile::new(&bytes[..]).map_err(|error| fail(error.to_string()))?;
         if file.header().order() != Order::C {
             return Err(fail("is in Fortran order; save it with numpy.ascontiguousarray".into()));
@@ -161,8 +164,13 @@ impl NpzReader {
         let count = shape.iter().try_fold(1_usize, |product, n| product.checked_mul(*n));
         let item = kind.size_field() as usize;
         match count.and_then(|count| count.checked_mul(item)) {
-            Some(size) if size <= bytes.len() => {}
-            _ => return Err(fail(format!("claims shape {shape:?} but holds {} bytes", bytes.len()))),
+            Some(size) if size <= bytes.len() - data_start => {}
+            _ => {
+                return Err(fail(format!(
+                    "claims shape {shape:?} but holds {} bytes",
+                    bytes.len() - data_start
+                )));
+            }
         }
         macro_rules! read {
             ($type:ty, $convert:expr) => {
@@ -205,6 +213,24 @@ impl NpzReader {
             .map_err(|error| broken(&self.path, format!("array '{key}': {error}")))?;
         Ok(bytes)
     }
+}
+
+/// Where the data of a numpy array begin, if the numbers in its header (item size and shape among them) can be
+/// multiplied. Checked before the header goes to its parser, which multiplies without a check.
+fn start_of_data(bytes: &[u8]) -> Option<usize> {
+    let start = match bytes {
+        [_, _, _, _, _, _, 1, _, a, b, ..] => 10 + usize::from(u16::from_le_bytes([*a, *b])),
+        [_, _, _, _, _, _, _, _, a, b, c, d, ..] => 12 + u32::from_le_bytes([*a, *b, *c, *d]) as usize,
+        _ => return None,
+    };
+    bytes.get(10..start)?.split(|byte| !byte.is_ascii_digit()).filter(|digits| !digits.is_empty()).try_fold(
+        1_usize,
+        |product, digits| {
+            let number: usize = std::str::from_utf8(digits).ok()?.parse().ok()?;
+            product.checked_mul(number.max(1))
+        },
+    )?;
+    Some(start)
 }
 
 /// Collects arrays and writes them as one archive.
@@ -282,3 +308,6 @@ impl NpzWriter {
         super::write_atomically(path, &bytes).map_err(|error| fail(error.to_string()))
     }
 }
+
+#[cfg(test)]
+mod tests;

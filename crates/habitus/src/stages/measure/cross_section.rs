@@ -9,6 +9,9 @@ use crate::body::BodyModel;
 /// A vertex belongs to the part when its bones carry at least this share of its skin weight.
 const MEMBERSHIP: f64 = 0.5;
 
+/// Limbs of a pair have about equal girths; a piece of less than this share of the longest is none.
+const LIMB_SHARE: f64 = 0.4;
+
 /// A plane through a point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plane {
@@ -116,7 +119,8 @@ fn clip_to_part(first: Crossing, second: Crossing) -> Option<Segment> {
     }
 }
 
-/// Points of the connected piece whose middle (weighted by length) is nearest to a point.
+/// Points of the connected piece whose middle (weighted by length) is nearest to a point; pieces much shorter than the
+/// longest are folds of the skin, not limbs.
 fn nearest_piece(segments: &[Segment], point: DVec3) -> Vec<DVec3> {
     let mut root: Vec<usize> = (0..segments.len()).collect();
     fn find(root: &mut [usize], mut index: usize) -> usize {
@@ -144,9 +148,10 @@ fn nearest_piece(segments: &[Segment], point: DVec3) -> Vec<DVec3> {
         middle.0 += 0.5 * (a + b) * length;
         middle.1 += length;
     }
+    let longest = middles.values().map(|(_, length)| *length).fold(0.0, f64::max);
     let nearest = middles
         .iter()
-        .filter(|(_, (_, length))| *length > 0.0)
+        .filter(|(_, (_, length))| *length > 0.0 && *length >= LIMB_SHARE * longest)
         .map(|(label, (sum, length))| (*label, (*sum / *length).distance_squared(point)))
         .min_by(|a, b| a.1.total_cmp(&b.1))
         .map(|(label, _)| label);
