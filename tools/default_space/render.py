@@ -59,14 +59,18 @@ def view_rotation(yaw_degrees, pitch_degrees=0.0):
 
 
 def vertex_normals(vertices, faces):
-    face_normals = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
+    face_normals = np.cross(
+        vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]
+    )
     normals = np.zeros_like(vertices)
     for corner in range(3):
         np.add.at(normals, faces[:, corner], face_normals)
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 
 
-def picture(vertices, faces, *, yaw=0.0, pitch=0.0, centre, span, size, wire=False, colour=(0.80, 0.72, 0.66), labels=None):
+def picture(
+    vertices, faces, *, yaw=0.0, pitch=0.0, centre, span, size, wire=False, colour=(0.80, 0.72, 0.66), labels=None
+):
     """Shaded (height, width, 3) image; ``span`` is the height in metres that fills the picture."""
     width, height = size
     scale = height / span

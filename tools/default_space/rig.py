@@ -1,10 +1,10 @@
-"""The 15-bone rig: skin weights, joint regressor, axes with limits, and named vertices."""
+"""The 15-bone rig: skin weights, joint regressor, and axes with limits."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sparse
-from scipy.optimize import least_squares, nnls
+from scipy.optimize import nnls
 
 from source import Source
 
@@ -124,50 +124,82 @@ def joint_points(source: Source) -> sparse.csr_matrix:
     return matrix.tocsr()
 
 
-def fit_joint_regressor(vertices, joints, mirror, *, candidates=90, ridge=2e-3):
+# Ring of a joint: vertices within this distance of it and within this half-height of the plane through it (metres).
+RING = {
+    "pelvis": (0.24, 0.05),
+    "thorax": (0.24, 0.05),
+    "head": (0.13, 0.03),
+    "thigh": (0.17, 0.06),
+    "shank": (0.12, 0.05),
+    "foot": (0.09, 0.03),
+    "upper_arm": (0.13, 0.05),
+    "forearm": (0.09, 0.035),
+    "hand": (0.06, 0.025),
+}
+
+
+# The knee cubes of the source's height targets do not follow the surface (they are off by up to 7 cm), so the knee is
+# fitted to the mean body alone.
+FITTED_TO_MEAN = {"left_shank"}
+
+
+def fit_joint_regressor(vertices, joints, mirror, evenness=0.03):
     """Sparse rows (offsets, vertices, values): non-negative, symmetric, each row sums to one.
 
-    ``vertices`` (bodies, V, 3) and ``joints`` (bodies, 15, 3). Each joint is fitted by non-negative least squares over
-    the vertices nearest to it, with a small ridge that spreads the weights round the limb.
+    Each joint is an average over a ring of vertices round the limb that hits the anatomical joint of the mean body and
+    follows those of ``vertices`` (bodies, V, 3), ``joints`` (bodies, 15, 3); ``evenness`` in metres spreads the weights.
     """
     mean_vertices, mean_joints = vertices.mean(0), joints.mean(0)
     rows = [None] * len(BONES)
     for bone, twin in enumerate(BONE_MIRROR):
         if bone > twin:
             continue
-        distance = np.linalg.norm(mean_vertices - mean_joints[bone], axis=1)
-        near = np.argsort(distance, kind="stable")[:candidates]
+        reach, half_height = RING[BONES[bone].removeprefix("left_")]
+        offset = mean_vertices - mean_joints[bone]
+        along = ring_normal(mean_joints, bone)
+        ring = np.flatnonzero((np.linalg.norm(offset, axis=1) < reach) & (np.abs(offset @ along) < half_height))
+        spread = vertices[:, ring] - joints[:, None, bone]
         if bone == twin:
-            near = np.unique(np.concatenate([near, mirror[near]]))
-            columns = 0.5 * (vertices[:, near] + mirrored(vertices[:, mirror[near]]))
-        else:
-            columns = vertices[:, near]
-        spread = columns - mean_joints[bone]
-        wanted = joints[:, bone] - mean_joints[bone]
-        matrix = np.moveaxis(spread, 1, 2).reshape(-1, len(near))
-        scale = np.sqrt(len(vertices))
-        system = np.concatenate([matrix, 10 * scale * np.ones((1, len(near))), ridge * scale * np.eye(len(near))])
-        goal = np.concatenate([wanted.ravel(), [10 * scale], np.zeros(len(near))])
-        values, _ = nnls(system, goal, maxiter=50 * len(near))
-        values[values < 2e-3] = 0
+            spread = 0.5 * (spread + mirrored(vertices[:, mirror[ring]] - joints[:, None, bone]))
+        if BONES[bone] in FITTED_TO_MEAN:
+            spread = spread.mean(0, keepdims=True)
         table = np.zeros(len(mean_vertices))
-        table[near] = values / values.sum()
+        table[ring] = even_average(spread, evenness)
         if bone == twin:
             table = 0.5 * (table + table[mirror])
-        rows[bone] = table
-        if bone != twin:
-            rows[twin] = table[mirror]
-    offsets, indices, numbers = [0], [], []
-    for row in rows:
-        used = np.flatnonzero(row)
-        indices.append(used)
-        numbers.append(row[used] / row[used].sum())
-        offsets.append(offsets[-1] + len(used))
+        rows[bone], rows[twin] = table, table[mirror]
+    used = [np.flatnonzero(row) for row in rows]
     return (
-        np.array(offsets, dtype=np.int32),
-        np.concatenate(indices).astype(np.int32),
-        np.concatenate(numbers).astype(np.float32),
+        np.concatenate([[0], np.cumsum([len(part) for part in used])]).astype(np.int32),
+        np.concatenate(used).astype(np.int32),
+        np.concatenate([row[part] for row, part in zip(rows, used)]).astype(np.float32),
     )
+
+
+def ring_normal(joints, bone):
+    """Direction of the limb at a joint: upright for the trunk, between both bones elsewhere."""
+    name = BONES[bone]
+    if not name.startswith("left_"):
+        return np.array([0.0, 1.0, 0.0])
+    children = [child for child, parent in enumerate(PARENTS) if parent == bone]
+    after = joints[children[0]] - joints[bone] if children else None
+    before = joints[bone] - joints[PARENTS[bone]]
+    if name in ("left_thigh", "left_upper_arm"):
+        return unit(after)
+    return unit(before) if after is None else unit(unit(before) + unit(after))
+
+
+def even_average(offsets, evenness):
+    """Non-negative weights with sum one whose averages of ``offsets`` (bodies, n, 3) are near zero, and zero in the mean."""
+    bodies, count, _ = offsets.shape
+    follow = np.moveaxis(offsets - offsets.mean(0), 1, 2).reshape(-1, count) / np.sqrt(bodies)
+    hit = np.concatenate([1e2 * offsets.mean(0).T, 1e2 * np.ones((1, count))])
+    system = np.concatenate([follow, hit, evenness * np.eye(count)])
+    goal = np.zeros(len(system))
+    goal[len(follow) + 3] = 1e2
+    values, _ = nnls(system, goal, maxiter=50 * count)
+    values[values < 1e-3] = 0
+    return values / values.sum()
 
 
 def regressor_matrix(regressor, vertex_count):
@@ -242,7 +274,9 @@ def build_axes(joints, hand_points) -> list[Axis]:
 
     def sided(side, rows):
         turn = mirrored_axis if side == "right" else np.asarray
-        return [Axis(f"{side}_{name}", BONES.index(f"{side}_{bone}"), turn(axis), span) for name, bone, axis, span in rows]
+        return [
+            Axis(f"{side}_{name}", BONES.index(f"{side}_{bone}"), turn(axis), span) for name, bone, axis, span in rows
+        ]
 
     return sided("left", leg) + sided("right", leg) + trunk + sided("left", arm) + sided("right", arm)
 
@@ -263,137 +297,3 @@ AXIS_SIGNS = {
     "elbow_flexion": "positive brings the hand to the shoulder; zero is the rest bend",
     "wrist_flexion": "positive brings the palm to the forearm",
 }
-
-
-# ---------------------------------------------------------------- posing (for pictures and example poses)
-
-
-def rotation(axis, angle):
-    axis = unit(axis)
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-
-
-def bone_transforms(joints, axes, angles):
-    """Rotation and translation that carry rest points of every bone to their posed place."""
-    rotations, translations = [], []
-    for bone, parent in enumerate(PARENTS):
-        local = np.eye(3)
-        for axis, angle in zip(axes, angles):
-            if axis.bone == bone:
-                local = local @ rotation(axis.direction, angle)
-        shift = joints[bone] - local @ joints[bone]
-        if parent >= 0:
-            shift = rotations[parent] @ shift + translations[parent]
-            local = rotations[parent] @ local
-        rotations.append(local)
-        translations.append(shift)
-    return np.array(rotations), np.array(translations)
-
-
-def skin(vertices, rotations, translations, bones, weights):
-    moved = np.zeros_like(vertices)
-    for slot in range(bones.shape[1]):
-        chosen = bones[:, slot]
-        moved += weights[:, slot, None] * (
-            np.einsum("vij,vj->vi", rotations[chosen], vertices) + translations[chosen]
-        )
-    return moved
-
-
-# Directions of the left upper arm, left forearm, left thigh and left shank in named example poses.
-EXAMPLE_DIRECTIONS = {
-    "arms_down": ([0.12, -1, 0.0], [0.05, -1, 0.22], None, None),
-    "t_pose": ([1, 0, 0], [1, 0, 0], None, None),
-    "arms_forward": ([0.1, 0, 1], [0, 0, 1], None, None),
-    "arms_up": ([0.15, 1, 0.05], [0.05, 1, 0.05], None, None),
-    "seated": ([0.12, -1, 0.1], [0, 0, 1], [0.15, 0, 1], [0, -1, 0]),
-}
-
-
-def example_poses(joints, axes):
-    """24 angles for a few everyday poses, found by turning limbs towards wanted directions."""
-    poses = {}
-    for name, wanted in EXAMPLE_DIRECTIONS.items():
-        angles = np.zeros(len(axes))
-        for bone, child, direction in (
-            ("left_upper_arm", "left_forearm", wanted[0]),
-            ("left_forearm", "left_hand", wanted[1]),
-            ("left_thigh", "left_shank", wanted[2]),
-            ("left_shank", "left_foot", wanted[3]),
-        ):
-            if direction is not None:
-                aim(joints, axes, angles, bone, child, unit(direction))
-        for index, axis in enumerate(axes):
-            if axis.name.startswith("right_"):
-                angles[index] = angles[index - 5]  # the left side stands five places before
-        poses[name] = [round(float(angle), 4) for angle in angles]
-    return poses
-
-
-def aim(joints, axes, angles, bone, child, direction):
-    """Turn one bone (and, for a hinge, its parent's twist) until its child lies in ``direction``."""
-    own = [k for k, axis in enumerate(axes) if axis.bone == BONES.index(bone)]
-    twist = [k for k, axis in enumerate(axes) if axis.bone == PARENTS[BONES.index(bone)] and axis.name.endswith("_twist")]
-    free = own[:2] if len(own) == 3 else own + twist
-    low = np.radians([axes[k].limits[0] for k in free])
-    high = np.radians([axes[k].limits[1] for k in free])
-
-    def miss(values):
-        angles[free] = values
-        rotations, _ = bone_transforms(joints, axes, angles)
-        reach = rotations[BONES.index(bone)] @ (joints[BONES.index(child)] - joints[BONES.index(bone)])
-        return np.concatenate([unit(reach) - direction, 1e-3 * np.asarray(values)])
-
-    angles[free] = least_squares(miss, np.clip(angles[free], low + 1e-6, high - 1e-6), bounds=(low, high)).x
-
-
-def part_labels(mean, bones, weights, measuring):
-    """0 usually covered, 1 head above the neck, 2 hands, 3 feet."""
-    share = np.zeros((len(mean), len(BONES)))
-    for slot in range(4):
-        np.add.at(share, (np.arange(len(mean)), bones[:, slot].astype(int)), weights[:, slot])
-    labels = np.zeros(len(mean), dtype=np.uint8)
-    chin, nape = mean[measuring["chin"]], mean[measuring["neck_base"]]
-    # A plane from under the chin to the hair line at the back of the neck.
-    collar = (mean[:, 1] - (chin[1] - 0.01)) - 0.15 * (chin[2] - mean[:, 2])
-    labels[(share[:, BONES.index("head")] > 0.5) & (collar > 0) & (mean[:, 1] > nape[1])] = 1
-    labels[share[:, [BONES.index("left_hand"), BONES.index("right_hand")]].sum(1) > 0.5] = 2
-    labels[share[:, [BONES.index("left_foot"), BONES.index("right_foot")]].sum(1) > 0.5] = 3
-    return labels
-
-
-# ---------------------------------------------------------------- named vertices
-
-LANDMARKS = (
-    "forehead left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist "
-    "left_knee right_knee left_toe right_toe left_heel right_heel abdomen"
-).split()
-
-
-class VertexPicker:
-    """Finds named vertices on the mean body from joints and directions."""
-
-    def __init__(self, mean, mirror, joints, main_bone):
-        self.mean, self.mirror, self.joints, self.main_bone = mean, mirror, joints, main_bone
-        self.middle = np.flatnonzero(mirror == np.arange(len(mirror)))
-
-    def joint(self, name):
-        return self.joints[BONES.index(name)]
-
-    def on(self, *bones):
-        return np.flatnonzero(np.isin(self.main_bone, [BONES.index(bone) for bone in bones]))
-
-    def extreme(self, candidates, direction):
-        return int(candidates[np.argmax(self.mean[candidates] @ np.asarray(direction, float))])
-
-    def near(self, point, radius, candidates=None):
-        candidates = np.arange(len(self.mean)) if candidates is None else candidates
-        return candidates[np.linalg.norm(self.mean[candidates] - point, axis=1) < radius]
-
-    def nearest(self, point, candidates=None):
-        candidates = np.arange(len(self.mean)) if candidates is None else candidates
-        return int(candidates[np.argmin(np.linalg.norm(self.mean[candidates] - point, axis=1))])
-
-    def level(self, height, tolerance, candidates):
-        return candidates[np.abs(self.mean[candidates, 1] - height) < tolerance]

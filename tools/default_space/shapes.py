@@ -28,6 +28,7 @@ OPPOSITES = (
     ("in", "out"),
     ("compress", "uncompress"),
     ("concave", "convex"),
+    ("l", "r"),  # asymmetric targets, one for each side
 )
 
 

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import zipfile
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -63,7 +63,7 @@ class Source:
         return json.loads(text)["weights"]
 
 
-@lru_cache(maxsize=None)
+@cache
 def read_target(path: Path) -> tuple[np.ndarray, np.ndarray]:
     with gzip.open(path, "rt") as lines:
         rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
@@ -91,8 +91,7 @@ def load_source(folder: Path) -> Source:
 
     ranges = json.loads((folder / "mesh_metadata/basemesh_vertex_groups.json").read_text())
     groups = {
-        name: np.concatenate([np.arange(first, last + 1) for first, last in spans])
-        for name, spans in ranges.items()
+        name: np.concatenate([np.arange(first, last + 1) for first, last in spans]) for name, spans in ranges.items()
     }
     source = Source(folder, positions, np.array(quads), mirror, groups)
     for side, name in (("left", "helper-l-eye"), ("right", "helper-r-eye")):

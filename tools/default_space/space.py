@@ -7,28 +7,24 @@ import zipfile
 import numpy as np
 
 
-def align(points, vertex_count, rounds=4):
-    """Generalized Procrustes without scale: turn and shift every body onto the mean body.
-
-    ``points`` is (n, vertex_count + further points, 3); the further points (joints) move along.
-    """
-    aligned = points - points[:, :vertex_count].mean(1, keepdims=True)
+def align(bodies, rounds=4):
+    """Generalized Procrustes without scale: turn and shift every body (n, V, 3) onto the mean body."""
+    aligned = bodies - bodies.mean(1, keepdims=True)
     for _ in range(rounds):
-        aligned = turned_onto(aligned, vertex_count, aligned[:, :vertex_count].mean(0))
+        aligned = turned_onto(aligned, aligned.mean(0))
     return aligned
 
 
 def align_to(bodies, mean):
     """Turn and shift every body onto a given mean body."""
     centre = mean.mean(0)
-    centred = bodies - bodies.mean(1, keepdims=True)
-    return turned_onto(centred, bodies.shape[1], mean - centre) + centre
+    return turned_onto(bodies - bodies.mean(1, keepdims=True), mean - centre) + centre
 
 
-def turned_onto(points, vertex_count, mean):
-    u, _, vt = np.linalg.svd(np.einsum("nvi,vj->nij", points[:, :vertex_count], mean))
+def turned_onto(bodies, mean):
+    u, _, vt = np.linalg.svd(np.einsum("nvi,vj->nij", bodies, mean))
     u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
-    return np.einsum("nvi,nij->nvj", points, u @ vt)
+    return np.einsum("nvi,nij->nvj", bodies, u @ vt)
 
 
 def principal_components(bodies, count):
