@@ -25,10 +25,10 @@ class Stage {
     this.frames = new Map();
     const captured = report.views.filter((view) => view.captureVertexCount);
     const first = this.frameData(0);
-    const lows = captured.length ? captured.map((view) => view.captureLow[1]) : [this.lowestJoint(first)];
-    this.floor = Math.min(...lows);
-    const heights = captured.map((view) => view.captureLow[1] + view.captureSize[1] - this.floor);
-    this.height = Math.max(1.2, ...heights);
+    const body = this.bodyHeights(first);
+    this.floor = captured.length ? Math.min(...captured.map((view) => view.captureLow[1])) : body.low;
+    const tops = captured.map((view) => view.captureLow[1] + view.captureSize[1]);
+    this.height = Math.max(0.5, Math.max(body.high, ...tops) - this.floor);
     this.camera = new OrbitCamera(this.canvas, this.height * 0.63, () => this.request());
     this.home = this.root(first);
     this.camera.yaw = this.facing(first) + 0.45;
@@ -52,8 +52,15 @@ class Stage {
     return this.joint(frame, Math.max(0, this.body.parents.indexOf(null)));
   }
 
-  lowestJoint(frame) {
-    return Math.min(...this.body.joints.map((_, bone) => this.joint(frame, bone)[1])) - 0.08;
+  /** Lowest and highest point of the posed body. */
+  bodyHeights(frame) {
+    let [low, high] = [Infinity, -Infinity];
+    for (let vertex = 0; vertex < this.body.vertexCount; vertex++) {
+      const place = this.body.positions.subarray(3 * vertex, 3 * vertex + 3);
+      const y = skinned(this.body, frame.bones, vertex, place)[1];
+      [low, high] = [Math.min(low, y), Math.max(high, y)];
+    }
+    return { low, high };
   }
 
   /** The yaw from which the camera sees the person's front. */

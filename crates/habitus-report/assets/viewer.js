@@ -218,7 +218,10 @@ class Renderer {
     this.use("segments", { view, projection, size, color, width });
     gl.enable(gl.BLEND);
     gl.depthFunc(isOnTop ? gl.ALWAYS : gl.LEQUAL);
+    // Soft borders that wrote depth would cut into the next segment.
+    gl.depthMask(false);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, segments.length / 6);
+    gl.depthMask(true);
     gl.depthFunc(gl.LEQUAL);
     gl.disable(gl.BLEND);
     for (const location of [0, 1]) {

@@ -7,7 +7,7 @@ mod made_up_run;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use habitus_report::report::{ReportData, ReportOptions, page};
+use habitus_report::report::{CaptureView, ReportData, ReportOptions, page};
 use made_up_run::made_up_run;
 use serde_json::Value;
 
@@ -137,6 +137,18 @@ fn body_and_capture_are_drawn_and_every_control_changes_the_picture() {
 fn without_webgl_the_page_says_so_and_keeps_its_tables() {
     let Some(check) = measured(&made_up_run(3, 8), &["--disable-3d-apis"]) else { return };
     assert_eq!(check["state"], "without-3d");
+}
+
+#[test]
+fn a_run_whose_captures_are_gone_shows_the_body() {
+    let mut data = made_up_run(4, 12);
+    for view in &mut data.model.as_mut().expect("model").frames {
+        view.capture = CaptureView::default();
+        view.clearance_mm.clear();
+    }
+    let Some(check) = measured(&data, &[]) else { return };
+    let share = |name: &str| check[name].as_f64().expect("share");
+    assert!(share("body") > 0.02 && share("body") < 0.6 && share("capture") == 0.0, "{check}");
 }
 
 #[test]
