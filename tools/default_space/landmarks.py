@@ -106,13 +106,12 @@ def pick_vertices(pick: VertexPicker, hand_points, navel, nipple, eye_height):
 
 
 def axilla(pick, shoulder, elbow):
-    """The highest point of the fold between chest and arm."""
-    below = pick.near(shoulder + np.array([-0.02, -0.09, 0.0]), 0.07)
-    mean = pick.mean
-    normals_down = below[mean[below, 1] < shoulder[1] - 0.03]
-    inner = normals_down[np.abs(mean[normals_down, 2] - shoulder[2]) < 0.03]
-    target = shoulder + 0.25 * (elbow - shoulder) + np.array([-0.05, -0.06, 0.0])
-    return pick.nearest(target, inner if len(inner) else below)
+    """A vertex in the fold between chest and arm, a quarter down the upper arm and towards the trunk."""
+    fold = shoulder + 0.25 * (elbow - shoulder) + np.array([-0.05, -0.06, 0.0])
+    around = pick.near(shoulder + np.array([-0.02, -0.09, 0.0]), 0.07)
+    offset = pick.mean[around] - shoulder
+    inner = around[(offset[:, 1] < -0.03) & (np.abs(offset[:, 2]) < 0.03)]
+    return pick.nearest(fold, inner if len(inner) else around)
 
 
 def narrowest_side(pick, candidates, navel_height):

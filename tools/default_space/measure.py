@@ -16,16 +16,9 @@ def statures(vertices):
     return vertices[:, :, 1].max(1) - vertices[:, :, 1].min(1)
 
 
-def hull_girth(vertices, faces, height, normal=None, origin=None):
-    """Length of the convex outline (a taut tape) of the cut of some faces with a plane; NaN when nothing is cut."""
-    if normal is None:
-        signed = vertices[:, 1] - height
-        first, second = np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
-    else:
-        signed = (vertices - origin) @ normal
-        first = np.cross(normal, [0, 0, 1.0])
-        first /= np.linalg.norm(first)
-        second = np.cross(normal, first)
+def hull_girth(vertices, faces, height):
+    """Length of the convex outline (a taut tape) of a level cut through some faces; NaN when nothing is cut."""
+    signed = vertices[:, 1] - height
     side = signed[faces] > 0
     crossing = faces[side.any(1) & ~side.all(1)]
     pairs = np.concatenate([crossing[:, [0, 1]], crossing[:, [1, 2]], crossing[:, [2, 0]]])
@@ -36,9 +29,8 @@ def hull_girth(vertices, faces, height, normal=None, origin=None):
         return np.nan
     t = (a / (a - b))[:, None]
     points = vertices[pairs[:, 0]] * (1 - t) + vertices[pairs[:, 1]] * t
-    flat = np.stack([points @ first, points @ second], 1)
     try:
-        return ConvexHull(flat).area
+        return ConvexHull(points[:, [0, 2]]).area  # the perimeter: Qhull calls it the area of a flat hull
     except QhullError:
         return np.nan
 
@@ -53,7 +45,6 @@ class Tape:
         self.trunk = faces[trunk.all(1)]
         left_leg = np.isin(corner_bones, [bones.index(b) for b in ("pelvis", "left_thigh", "left_shank")])
         self.left_leg = faces[left_leg.all(1)]
-        self.left_arm = faces[np.isin(corner_bones, [bones.index("left_upper_arm")]).all(1)]
 
     def waist(self, vertices):
         return hull_girth(vertices, self.trunk, vertices[self.points["navel"], 1])

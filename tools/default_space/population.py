@@ -99,7 +99,6 @@ class Bodies:
     vertices: np.ndarray  # (n, V, 3) metres, source frame
     joints: np.ndarray  # (n, joint points, 3)
     sex: np.ndarray
-    age: np.ndarray
 
 
 def training_details(source: Source) -> list[Detail]:
@@ -189,18 +188,16 @@ class BodyMaker:
 def make_bodies(sex, count, maker: BodyMaker, random, *, spread=1.0, block=250) -> Bodies:
     """``spread`` widens the details (used for the held-out bodies)."""
     deviations = detail_deviations(maker.shapes.details)
-    parts, ages = [], []
+    parts = []
     for start in range(0, count, block):
         size = min(block, count - start)
         people = draw_people(sex, size, random)
         attributes = draw_attributes(sex, people, random)
         details = np.clip(spread * deviations * random.standard_normal((size, len(deviations))), -1, 1)
         parts.append(maker.solve(attributes, details, people))
-        ages.append(people["age"])
     points = np.concatenate(parts)
     return Bodies(
         points[:, : maker.vertex_count],
         points[:, maker.vertex_count :],
         np.full(count, SEXES.index(sex), dtype=np.uint8),
-        np.concatenate(ages),
     )

@@ -10,8 +10,6 @@ from measure import BODY_DENSITY, statures, volumes
 from posing import bone_transforms, skin
 from survey import ANSUR, NHANES
 
-COVERED, BARE = (0.80, 0.72, 0.66), (0.93, 0.80, 0.70)
-
 
 class Gallery:
     """Renders bodies of one model."""
@@ -151,6 +149,7 @@ def check_lines(gallery, random, count=300):
     worst, poor, folds = (np.array(column) for column in zip(*reports))
     mean_crossings = len(self_intersections(gallery.mean, gallery.faces))
     crossings = [len(self_intersections(body, gallery.faces)) for body in bodies[:12]]
+    mean_folds = checks.face_report(gallery.mean, gallery.faces, pairs)[2]
     edges = np.linalg.norm(gallery.mean[gallery.faces] - gallery.mean[np.roll(gallery.faces, -1, 1)], axis=2).ravel()
     return [
         f"- {len(gallery.mean):,} vertices, {len(gallery.faces):,} faces; edge length p5 / median / p95 "
@@ -158,7 +157,7 @@ def check_lines(gallery, random, count=300):
         + " mm.",
         f"- {count} random bodies (every coefficient drawn from N(0, 1), clipped at ±3): smallest face quality "
         f"{worst.min():.3f} (1 = equilateral), {100 * poor.mean():.2f} % of faces below 0.1, "
-        f"{folds.mean():.1f} folded edges a body (mean body: {checks.face_report(gallery.mean, gallery.faces, pairs)[2]}).",
+        f"{folds.mean():.1f} folded edges a body (mean body: {mean_folds}).",
         f"- pairs of faces that pass through each other: {mean_crossings} in the mean body, "
         f"{np.mean(crossings):.1f} on average in 12 random bodies.",
     ]

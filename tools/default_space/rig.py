@@ -147,7 +147,7 @@ def fit_joint_regressor(vertices, joints, mirror, evenness=0.03):
     """Sparse rows (offsets, vertices, values): non-negative, symmetric, each row sums to one.
 
     Each joint is an average over a ring of vertices round the limb that hits the anatomical joint of the mean body and
-    follows those of ``vertices`` (bodies, V, 3), ``joints`` (bodies, 15, 3); ``evenness`` in metres spreads the weights.
+    follows those of ``vertices`` (bodies, V, 3) and ``joints`` (bodies, 15, 3); ``evenness`` spreads the weights.
     """
     mean_vertices, mean_joints = vertices.mean(0), joints.mean(0)
     rows = [None] * len(BONES)
@@ -190,7 +190,7 @@ def ring_normal(joints, bone):
 
 
 def even_average(offsets, evenness):
-    """Non-negative weights with sum one whose averages of ``offsets`` (bodies, n, 3) are near zero, and zero in the mean."""
+    """Non-negative weights with sum one; their averages of ``offsets`` (bodies, n, 3) are small, zero in the mean."""
     bodies, count, _ = offsets.shape
     follow = np.moveaxis(offsets - offsets.mean(0), 1, 2).reshape(-1, count) / np.sqrt(bodies)
     hit = np.concatenate([1e2 * offsets.mean(0).T, 1e2 * np.ones((1, count))])

@@ -29,8 +29,8 @@ ANSUR = {
     "male": {"chest": (1.06, 0.09), "waist": (0.94, 0.11), "hip": (1.02, 0.08), "thigh": (0.63, 0.06)},
 }
 
-# Age in years, stature in metres, log body mass index, log waist in metres: NHANES 2017-2018, all adults, with means shifted
-# by a hundredth or two so that what is left inside BODY_MASS_INDEX_RANGE meets the figures above.
+# Age in years, stature in metres, log body mass index, log waist in metres: NHANES 2017-2018, all adults, with means
+# shifted by a few hundredths at most so that what is left inside BODY_MASS_INDEX_RANGE meets the figures above.
 JOINT_MEAN = {
     "female": np.array([49.5, 1.5920, 3.360, 4.5761 - np.log(100)]),
     "male": np.array([50.2, 1.7338, 3.366, 4.6453 - np.log(100)]),

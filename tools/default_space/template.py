@@ -1,7 +1,7 @@
 """From the source skin to one closed template of about 6,500 vertices.
 
-Every template vertex is a fixed weighted average of source vertices (four out of five times a single one), so that every
-shape target of the source applies to the template without any re-fitting.
+Every template vertex is a fixed weighted average of source vertices (four out of five times a single one), so that
+every shape target of the source applies to the template without any re-fitting.
 
 1. Cut what cannot be seen from outside (mouth bag, nostrils, eye sockets) and cap the holes.
 2. Split long edges with an interpolating stencil, so that legs and back are not coarser than the rest.
@@ -22,7 +22,6 @@ from geometry import self_intersections, unit_normals
 from source import Source
 from splitting import split_long_edges
 
-
 TOE_ROUNDS = 2  # of drawing the small toes apart from one another by shrinking them a little
 
 
@@ -40,7 +39,7 @@ class Template:
 
 
 def relax(faces, mirror, from_source, sample_shapes, crowded, rounds=12, sharpest_fold=-0.6):
-    """Replace the rows of badly placed vertices by averages with their neighbours until folds and crossings are gone."""
+    """Average the rows of badly placed vertices with their neighbours' until folds and crossings are gone."""
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     count = len(mirror)
     links = sparse.coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count)).tocsr()
