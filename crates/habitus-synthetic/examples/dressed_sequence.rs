@@ -2,6 +2,8 @@
 //!
 //! `cargo run --release --example dressed_sequence -- <picture folder> [outfit] [motion] [frames] [model.npz]`
 
+#![allow(clippy::print_stdout, reason = "an example talks to the one who runs it")]
+
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -43,7 +45,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     rest.extend(
         performance.garments().iter().map(|garment| (garment.positions.as_slice(), garment.faces.as_slice())),
     );
-    let views: Vec<_> = [0.0, 0.9, 1.57, 3.14].into_iter().map(|yaw| paint(&rest, yaw)).collect();
+    let views: Vec<_> = [0.0, 0.8, 1.6, 3.2].into_iter().map(|yaw| paint(&rest, yaw)).collect();
     save(&folder.join("cut.png"), &[views])?;
 
     let stage = Stage::of(&performance);

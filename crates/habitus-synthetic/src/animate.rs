@@ -1,7 +1,7 @@
 //! From anatomical angles to the poses of one body, with feet that stay where they stand.
 
 use glam::{DMat3, DQuat, DVec3};
-use habitus::body::{BodyModel, Pose, Skeleton};
+use habitus::body::{BodyModel, Pose, Skeleton, rotation_vector};
 
 use crate::motion::{ArmAngles, LegAngles, Motion, Stance};
 use crate::rest_body::{Bone, RestBody};
@@ -200,7 +200,7 @@ fn set_rotation(parameters: &mut [f64], skeleton: &Skeleton, bone: Bone, wanted:
             *column = rotation * *direction;
             rotation *= DMat3::from_axis_angle(*direction, parameters[*parameter]);
         }
-        let error = DQuat::from_mat3(&(wanted * rotation.transpose())).to_scaled_axis();
+        let error = rotation_vector(DQuat::from_mat3(&(wanted * rotation.transpose())));
         let jacobian = DMat3::from_cols(columns[0], columns[1], columns[2]);
         // Damped: axes may align (gimbal lock) or be fewer than three.
         let normal = jacobian.transpose() * jacobian + DMat3::from_diagonal(DVec3::splat(1e-6));

@@ -45,10 +45,10 @@ impl Default for CaptureSettings {
     fn default() -> Self {
         Self {
             mode: CaptureMode::Scanner,
-            camera_count: 20,
+            camera_count: 18,
             camera_distance: 3.2,
             image_height: 560,
-            voxel_mm: 11.0,
+            voxel_mm: 12.0,
             noise_mm: 1.0,
             smallest_component_share: 0.02,
         }
@@ -63,10 +63,12 @@ const GRAZING_COSINE: f32 = 0.25;
 const FRONTAL_COSINE: f32 = 0.65;
 /// One pixel in chamfer distances (weights 3 and 4, Borgefors 1986).
 const CHAMFER_PIXEL: u8 = 3;
+/// Distances from the silhouette are not followed further, pixels.
+const FARTHEST_PIXELS: usize = 32;
 /// Cloth is captured at least this thick, voxels: thinner near fall between the samples.
 const SHEET_VOXELS: f32 = 1.1;
 /// Ears and fingers are captured at least this thick, voxels.
-const THIN_VOXELS: f32 = 1.0;
+const THIN_VOXELS: f32 = 1.25;
 /// Voxels are carved in blocks of this many along each axis.
 const BRICK: usize = 4;
 
@@ -246,18 +248,24 @@ impl View {
     }
 }
 
-/// Two-pass 3–4 chamfer distance to the silhouette's edge, both inside and outside (Borgefors 1986).
+/// Two-pass 3–4 chamfer distance to the silhouette's edge, both inside and outside (Borgefors 1986), up to
+/// [`FARTHEST_PIXELS`].
 fn chamfer_distances(map: &DepthMap) -> Vec<u8> {
     let (width, height) = (map.camera.width, map.camera.height);
-    let mut distances = vec![u8::MAX; width * height];
+    let farthest = FARTHEST_PIXELS as u8 * CHAMFER_PIXEL;
+    let mut distances = vec![farthest; width * height];
     let is_covered = |pixel: usize| map.face[pixel] != NO_FACE;
     let relax = |distances: &mut [u8], pixel: usize, neighbour: usize, step: u8| {
         let through = if is_covered(pixel) == is_covered(neighbour) { distances[neighbour] } else { 0 };
         distances[pixel] = distances[pixel].min(through.saturating_add(step));
     };
     let (straight, diagonal) = (CHAMFER_PIXEL, CHAMFER_PIXEL + 1);
+    // A standing person leaves most columns empty; those further off keep the largest value.
+    let columns = (0..width).filter(|x| (0..height).any(|y| is_covered(y * width + x)));
+    let (low, high) = columns.fold((width, 0), |(low, high), x| (low.min(x), high.max(x)));
+    let columns = low.saturating_sub(FARTHEST_PIXELS).max(1)..(high + FARTHEST_PIXELS).min(width - 1);
     for y in 1..height - 1 {
-        for pixel in y * width + 1..(y + 1) * width - 1 {
+        for pixel in columns.clone().map(|x| y * width + x) {
             relax(&mut distances, pixel, pixel - 1, straight);
             relax(&mut distances, pixel, pixel - width - 1, diagonal);
             relax(&mut distances, pixel, pixel - width, straight);
@@ -265,7 +273,7 @@ fn chamfer_distances(map: &DepthMap) -> Vec<u8> {
         }
     }
     for y in (1..height - 1).rev() {
-        for pixel in (y * width + 1..(y + 1) * width - 1).rev() {
+        for pixel in columns.clone().rev().map(|x| y * width + x) {
             relax(&mut distances, pixel, pixel + 1, straight);
             relax(&mut distances, pixel, pixel + width + 1, diagonal);
             relax(&mut distances, pixel, pixel + width, straight);

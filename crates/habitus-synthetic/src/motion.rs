@@ -70,8 +70,8 @@ pub struct Stance {
 /// curves of natural cadence in Winter, *The Biomechanics and Motor Control of Human Gait* (1991), with a little less
 /// reach, because these feet do not roll over their toes.
 const HIP_FLEXION: [f64; 10] = [22.0, 21.0, 16.0, 8.0, 0.0, -8.0, -8.0, 6.0, 19.0, 24.0];
-const KNEE_FLEXION: [f64; 10] = [3.0, 11.0, 13.0, 9.0, 6.0, 15.0, 40.0, 62.0, 48.0, 15.0];
-const ANKLE_DORSIFLEXION: [f64; 10] = [0.0, -4.0, 3.0, 7.0, 9.0, 6.0, -8.0, -3.0, 3.0, 3.0];
+const KNEE_FLEXION: [f64; 10] = [3.0, 11.0, 13.0, 9.0, 9.0, 21.0, 45.0, 62.0, 48.0, 15.0];
+const ANKLE_DORSIFLEXION: [f64; 10] = [0.0, -4.0, 3.0, 7.0, 10.0, 10.0, 3.0, 1.0, 3.0, 3.0];
 /// Duration of a gait cycle at natural cadence, seconds (Winter 1991: 105–115 steps per minute).
 const CYCLE_SECONDS: f64 = 1.1;
 /// A turn on the spot, radians per second: a quarter turn with each pair of steps.
@@ -79,7 +79,7 @@ const TURN_ON_SPOT_RATE: f64 = TAU / 4.0 / CYCLE_SECONDS;
 /// Turning while walking, radians per second.
 const WALK_TURN_RATE: f64 = 0.9;
 /// Seconds from one knee pull to the next.
-const KNEE_PULL_SECONDS: f64 = 1.0;
+const KNEE_PULL_SECONDS: f64 = 1.4;
 
 impl Motion {
     /// The body at a time, seconds; `phase` in 0..1 shifts the cycle.

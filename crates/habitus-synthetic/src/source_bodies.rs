@@ -15,6 +15,9 @@ use crate::error::SyntheticError;
 const ARCHIVE: &[u8] = include_bytes!("../assets/source_bodies.npz");
 const ARCHIVE_NAME: &str = "source_bodies.npz (embedded)";
 
+/// A regressed joint of a body in the right topology is within this of the source's own joint, metres.
+const LARGEST_JOINT_ERROR: f64 = 0.01;
+
 #[derive(Deserialize)]
 struct Metadata {
     names: Vec<String>,
@@ -48,10 +51,38 @@ pub fn source_body(model: &BodyModel, index: usize) -> Result<Vec<DVec3>, Synthe
     }
     let (offset, scale) = (single(&mut archive, "offset")?, single(&mut archive, "scale")?);
     let length = model.vertex_count() * 3;
-    Ok(vertices.values[index * length..(index + 1) * length]
+    let body: Vec<DVec3> = vertices.values[index * length..(index + 1) * length]
         .chunks_exact(3)
         .map(|place| DVec3::new(place[0] as f64, place[1] as f64, place[2] as f64) * scale + offset)
-        .collect())
+        .collect();
+    check_topology(&mut archive, model, &body, index)?;
+    Ok(body)
+}
+
+/// Joints that the model finds on the body must be near those that the source data gives.
+fn check_topology(
+    archive: &mut NpzReader,
+    model: &BodyModel,
+    body: &[DVec3],
+    index: usize,
+) -> Result<(), SyntheticError> {
+    let joints = archive.floats("joints")?;
+    let joint_count = model.skeleton().bones().len();
+    archive.expect_shape("joints", &joints, &[None, Some(joint_count), Some(3)])?;
+    let stored = joints.values.chunks_exact(3).skip(index * joint_count).map(DVec3::from_slice);
+    let farthest = model
+        .joints(body)
+        .iter()
+        .zip(stored)
+        .map(|(found, stored)| found.distance(stored))
+        .fold(0.0, f64::max);
+    if farthest > LARGEST_JOINT_ERROR {
+        let reason = format!(
+            "belongs to another topology: a joint is {farthest:.2} m off in the model's; use the default space"
+        );
+        return Err(archive.invalid("vertices", reason).into());
+    }
+    Ok(())
 }
 
 /// The only element of an array.
