@@ -197,7 +197,7 @@ impl Default for SurfaceConfig {
         Self {
             compatibility: CompatibilityRules::default(),
             outside_weight: 3.0,
-            inside_weight: 0.35,
+            inside_weight: 0.1,
             inside_scale: 0.03,
             outside_scale: 0.12,
             bare_weight: 1.0,
@@ -233,7 +233,7 @@ pub struct TrackConfig {
 impl Default for TrackConfig {
     fn default() -> Self {
         Self {
-            coarse_vertex_count: 1600,
+            coarse_vertex_count: 700,
             coarse_rounds: 6,
             fine_rounds: 2,
             steps_per_round: 1,
@@ -254,6 +254,8 @@ pub struct RefineConfig {
     pub initial_frames: usize,
     /// Passes over the initial frames.
     pub initial_passes: usize,
+    /// Body vertices of tracking's last rounds and of the refinement.
+    pub vertex_count: usize,
     /// Frames, evenly spread, that the final refinement uses at most.
     pub frame_limit: usize,
     /// Passes of the final refinement.
@@ -291,16 +293,17 @@ impl Default for RefineConfig {
         Self {
             initial_frames: 25,
             initial_passes: 4,
+            vertex_count: 2400,
             frame_limit: 60,
             passes: 4,
             pose_rounds: 2,
             residual_deviation: 0.006,
-            independent_residuals: 200.0,
+            independent_residuals: 1000.0,
             smoothness: 2e-5,
             clearance_tolerance: 0.008,
             contact_weight: 0.5,
             contact_scale: [0.08, 0.02],
-            final_rounds: 3,
+            final_rounds: 2,
         }
     }
 }

@@ -144,6 +144,9 @@ struct Stage<'a> {
     config: &'a FitSequenceConfig,
     user_landmarks: &'a [UserLandmark],
     component_count: usize,
+    /// Few vertices, for the first rounds of tracking.
+    coarse: BodyLevel,
+    /// Enough vertices to see the identity.
     medium: BodyLevel,
     full: BodyLevel,
 }
@@ -179,7 +182,8 @@ impl<'a> Stage<'a> {
             config,
             user_landmarks,
             component_count,
-            medium: BodyLevel::spread(model, config.track.coarse_vertex_count, component_count),
+            coarse: BodyLevel::spread(model, config.track.coarse_vertex_count, component_count),
+            medium: BodyLevel::spread(model, config.refine.vertex_count, component_count),
             full: BodyLevel::full(model, component_count),
         }
     }
@@ -190,11 +194,16 @@ impl<'a> Stage<'a> {
         CapturedFrame::prepare(surface, fit_from_input, &self.config.frame, self.config.seed, &name)
     }
 
+    /// Solver for tracking and refinement.
     fn solver(&self, identity: &[f64]) -> Result<PoseSolver<'_>, FitSequenceError> {
+        self.solver_at(&self.medium, identity)
+    }
+
+    fn solver_at<'b>(&'b self, fine: &'b BodyLevel, identity: &[f64]) -> Result<PoseSolver<'b>, FitSequenceError> {
         let (lower, upper) = self.model.skeleton().pose_limits();
         Ok(PoseSolver {
-            coarse: PreparedIdentity::new(self.model, &self.medium, identity),
-            fine: PreparedIdentity::new(self.model, &self.full, identity),
+            coarse: PreparedIdentity::new(self.model, &self.coarse, identity),
+            fine: PreparedIdentity::new(self.model, fine, identity),
             surface: &self.config.surface,
             track: &self.config.track,
             bounds: habitus_optimize::Bounds::new(lower, upper)?,
@@ -264,7 +273,7 @@ impl<'a> Stage<'a> {
 
     /// Last pose rounds with the final identity, codes, and the way back to the input's frame.
     fn finish(&self, track: Track, observer: &mut dyn Observer) -> Result<FittedSequence, FitSequenceError> {
-        let solver = self.solver(&track.identity)?;
+        let solver = self.solver_at(&self.full, &track.identity)?;
         let fit_from_input = track.orientation.fit_from_input;
         let tracked: Vec<Vec<f64>> = track.frames.iter().map(|frame| frame.pose.clone()).collect();
         let mut smallest_clearance = vec![f64::INFINITY; self.full.vertices.len()];

@@ -73,17 +73,29 @@ impl PoseSolver<'_> {
         self.polish(frame, pose, prior, self.track.fine_rounds)
     }
 
-    /// Fine rounds only.
-    pub fn polish(
+    /// Fine rounds only, without judging the result; the field belongs to the last round but one step.
+    pub fn polish_pose(
         &self,
         frame: &CapturedFrame,
         mut pose: Vec<f64>,
         prior: &AnglePrior,
         rounds: usize,
-    ) -> Result<PoseSolution, FitSequenceError> {
+    ) -> Result<(Vec<f64>, Option<ClosestField>), FitSequenceError> {
         let field = self.rounds(&self.fine, frame, &mut pose, prior, rounds)?;
-        let (energy, inlier_share) = self.judge(&self.fine, frame, &pose, field.as_ref());
         normalise_root(&mut pose);
+        Ok((pose, field))
+    }
+
+    /// Fine rounds only.
+    pub fn polish(
+        &self,
+        frame: &CapturedFrame,
+        pose: Vec<f64>,
+        prior: &AnglePrior,
+        rounds: usize,
+    ) -> Result<PoseSolution, FitSequenceError> {
+        let (pose, field) = self.polish_pose(frame, pose, prior, rounds)?;
+        let (energy, inlier_share) = self.judge(&self.fine, frame, &pose, field.as_ref());
         Ok(PoseSolution { pose, energy, inlier_share })
     }
 
@@ -119,7 +131,7 @@ impl PoseSolver<'_> {
             initial_damping: 1e-3,
             ..GaussNewtonSettings::default()
         };
-        let is_coarse = body.level.vertices.len() == self.coarse.level.vertices.len();
+        let is_coarse = std::ptr::eq(body.level, self.coarse.level);
         let stride = frame.samples.len().div_ceil(SAMPLES_PER_ROUND);
         let mut field: Option<ClosestField> = None;
         for _ in 0..rounds {

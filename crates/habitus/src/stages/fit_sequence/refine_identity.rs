@@ -145,12 +145,12 @@ fn frame_share(
     contact: &Contact<'_>,
     config: &RefineConfig,
 ) -> Result<FrameShare, FitSequenceError> {
-    let solution = solver.polish(capture, start, prior, config.pose_rounds)?;
+    let (pose, field) = solver.polish_pose(capture, start, prior, config.pose_rounds)?;
     let body = &solver.fine;
     let surface = &body.level.surface;
-    let posed = body.posed(&solution.pose);
+    let posed = body.posed(&pose);
     let (vertices, normals) = body.vertices_and_normals(&posed);
-    let field = ClosestField::find(&capture.index, &vertices, None);
+    let field = ClosestField::find(&capture.index, &vertices, field.as_ref());
     let pairs = field.correspondences(&vertices, &normals, &solver.surface.compatibility);
     let mut clearance = vec![f64::INFINITY; vertices.len()];
     for pair in &pairs {
@@ -170,13 +170,13 @@ fn frame_share(
     let mut equations = assembly.equations(surface, &posed);
     let count = vertices.len() as f64;
     for (target, stiffness) in &prior.pulls {
-        for k in ROOT_LENGTH..solution.pose.len() {
+        for k in ROOT_LENGTH..pose.len() {
             equations.pose_matrix[(k, k)] += stiffness * count;
-            equations.pose_gradient[k] += stiffness * count * (solution.pose[k] - target[k]);
+            equations.pose_gradient[k] += stiffness * count * (pose[k] - target[k]);
         }
     }
     // A little of the diagonal keeps a pose parameter that nothing constrains from having a vote.
-    for k in 0..solution.pose.len() {
+    for k in 0..pose.len() {
         let diagonal = equations.pose_matrix[(k, k)];
         equations.pose_matrix[(k, k)] = diagonal * (1.0 + 1e-6) + 1e-9;
     }
@@ -191,7 +191,7 @@ fn frame_share(
         gradient,
         moments: assembly.into_moments(),
         clearance,
-        pose: solution.pose,
+        pose,
         energy: equations.value,
         vertex_count: vertices.len(),
     })

@@ -241,6 +241,18 @@ impl<'a> StartSearch<'a> {
         sum / weight_sum + uncovered
     }
 
+    /// Largest distance between the joints of two starts in metres; infinite between orientations.
+    pub fn joint_distance(&self, a: &Start, b: &Start) -> f64 {
+        if a.capture != b.capture {
+            return f64::INFINITY;
+        }
+        let joints = |start: &Start| {
+            let surface = &self.level.surface;
+            surface.skeleton().pose(&surface.rest_joints(&start.identity), &start.pose).joints
+        };
+        joints(a).iter().zip(joints(b)).map(|(p, q)| p.distance(q)).fold(0.0, f64::max)
+    }
+
     /// The same limbs seen from behind: turned by half a turn, with left and right exchanged.
     fn facing_twin(&self, start: &Start) -> Start {
         let skeleton = self.level.surface.skeleton();

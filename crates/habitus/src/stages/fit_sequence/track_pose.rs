@@ -65,8 +65,8 @@ struct Started {
     rival_ratio: f64,
 }
 
-/// Starts that differ by less than this (metres or radians) are not rivals: tracking brings them together.
-const RIVAL_POSE: f64 = 0.7;
+/// Starts whose joints all lie closer than this are not rivals: tracking brings them together.
+const RIVAL_DISTANCE: f64 = 0.2;
 /// A frame whose energy exceeds what is usual by this factor is searched afresh.
 const SUSPICIOUS_RATIO: f64 = 1.8;
 
@@ -123,7 +123,7 @@ impl Stage<'_> {
         let mut rivals: Vec<(Orientation, Start)> = Vec::new();
         for (orientation, start) in best {
             let is_close = start.energy <= self.config.start.rival_ratio * smallest;
-            if is_close && rivals.iter().all(|(_, other)| other.differs(&start, RIVAL_POSE)) {
+            if is_close && rivals.iter().all(|(_, other)| search.joint_distance(other, &start) > RIVAL_DISTANCE) {
                 rivals.push((orientation, start));
             }
         }
