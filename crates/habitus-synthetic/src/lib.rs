@@ -11,6 +11,7 @@
 
 pub mod animate;
 pub mod capture;
+mod carve;
 pub mod cloth;
 pub mod depth_map;
 mod error;
@@ -19,9 +20,11 @@ pub mod isosurface;
 pub mod motion;
 mod random;
 pub mod rest_body;
+pub mod second_skin;
 pub mod sequence;
 mod sheet;
 pub mod source_bodies;
 pub mod truth;
+mod view;
 
 pub use error::SyntheticError;

@@ -2,10 +2,9 @@
 
 use glam::DVec3;
 use habitus::body::BodyModel;
-use habitus::geometry::SurfaceIndex;
+use habitus::geometry::{SurfaceIndex, TriangleMesh};
 
 use crate::error::SyntheticError;
-use crate::garment::index_of;
 
 /// The bones of the default skeleton, in its order (P2 §5: N_b = 15).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -85,7 +84,8 @@ impl RestBody {
     /// A body given by its rest vertices in the model's topology; it need not lie in the model's space.
     pub fn new(model: &BodyModel, rest_vertices: Vec<DVec3>) -> Result<Self, SyntheticError> {
         let joints = model.joints(&rest_vertices);
-        let index = index_of(&rest_vertices, model.faces())?;
+        let mesh = TriangleMesh::new(rest_vertices.clone(), model.faces().to_vec())?;
+        let index = SurfaceIndex::of_mesh(&mesh);
         Ok(Self {
             joints,
             faces: model.faces().to_vec(),

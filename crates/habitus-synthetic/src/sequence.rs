@@ -11,10 +11,11 @@ use crate::animate::Animation;
 use crate::capture::{CaptureSettings, Subject, Substance, capture};
 use crate::cloth::{BodyInterval, Cloth, ClothSettings};
 use crate::error::SyntheticError;
-use crate::garment::{Drive, Garment, GarmentSettings, Outfit, follow_skin, tailor};
+use crate::garment::{Drive, Garment, GarmentSettings, Outfit, tailor};
 use crate::motion::Motion;
 use crate::random::Random;
 use crate::rest_body::RestBody;
+use crate::second_skin::follow_skin;
 use crate::source_bodies::source_body;
 
 /// All that a dressed sequence depends on; the default is the demo.

@@ -3,12 +3,17 @@
 //! XPBD: Macklin, Müller and Chentanez 2016; one iteration in each of many substeps: Macklin et al. 2019.
 //! Gauss–Seidel in a fixed order, so a result never depends on the number of threads.
 
+mod body_interval;
+#[cfg(test)]
+mod tests;
+
 use glam::DVec3;
-use habitus::geometry::{SurfaceIndex, TriangleMesh, vertex_normals, vertex_normals_into};
+use habitus::geometry::{SurfaceIndex, vertex_normals, vertex_normals_into};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::error::SyntheticError;
+pub use body_interval::BodyInterval;
+use body_interval::SkinPoint;
 
 /// Fabric and solver.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -94,84 +99,10 @@ struct Distance {
     rest_length: f64,
 }
 
-/// A body point that moves in a straight line over the frame interval, and the skin's normal there.
-#[derive(Debug, Clone, Copy)]
-struct SkinPoint {
-    positions: [DVec3; 2],
-    normals: [DVec3; 2],
-}
-
-impl SkinPoint {
-    /// At a time in 0..=1 of the interval.
-    fn position(&self, time: f64) -> DVec3 {
-        self.positions[0].lerp(self.positions[1], time)
-    }
-
-    fn normal(&self, time: f64) -> DVec3 {
-        self.normals[0].lerp(self.normals[1], time).normalize_or_zero()
-    }
-
-    /// Way from one time to another.
-    fn way(&self, start: f64, end: f64) -> DVec3 {
-        (self.positions[1] - self.positions[0]) * (end - start)
-    }
-}
-
 #[derive(Debug, Clone, Copy)]
 struct Contact {
     vertex: u32,
     skin: SkinPoint,
-}
-
-/// The body surface over one frame interval, moving in straight lines from `start` to `end`.
-#[derive(Debug)]
-pub struct BodyInterval<'a> {
-    faces: &'a [[u32; 3]],
-    positions: [&'a [DVec3]; 2],
-    normals: [Vec<DVec3>; 2],
-    duration: f64,
-    /// Lookups of the surface in the middle of each contact interval.
-    surfaces: Vec<SurfaceIndex>,
-}
-
-impl<'a> BodyInterval<'a> {
-    /// Prepares the contact lookups; shared by all garments of the frame.
-    pub fn new(
-        faces: &'a [[u32; 3]],
-        start: &'a [DVec3],
-        end: &'a [DVec3],
-        duration: f64,
-        settings: &ClothSettings,
-    ) -> Result<Self, SyntheticError> {
-        let update_count = (duration * settings.contact_updates_per_second).round().max(1.0) as usize;
-        let surfaces = (0..update_count)
-            .into_par_iter()
-            .map(|update| {
-                let time = (update as f64 + 0.5) / update_count as f64;
-                let positions = start.iter().zip(end).map(|(start, end)| start.lerp(*end, time)).collect();
-                Ok(SurfaceIndex::of_mesh(&TriangleMesh::new(positions, faces.to_vec())?))
-            })
-            .collect::<Result<_, SyntheticError>>()?;
-        let normals = [vertex_normals(start, faces), vertex_normals(end, faces)];
-        Ok(Self { faces, positions: [start, end], normals, duration, surfaces })
-    }
-
-    fn mean_velocity(&self) -> DVec3 {
-        let [start, end] = self.positions;
-        let way: DVec3 = end.iter().zip(start).map(|(end, start)| *end - *start).sum();
-        way / (start.len() as f64 * self.duration)
-    }
-
-    fn skin_point(&self, face: u32, barycentric: [f64; 3]) -> SkinPoint {
-        let corners = self.faces[face as usize].map(|vertex| vertex as usize);
-        let blend = |values: &[DVec3]| -> DVec3 {
-            corners.iter().zip(barycentric).map(|(&vertex, share)| values[vertex] * share).sum()
-        };
-        SkinPoint {
-            positions: self.positions.map(blend),
-            normals: [blend(&self.normals[0]), blend(&self.normals[1])],
-        }
-    }
 }
 
 /// A piece of cloth in motion.
@@ -456,145 +387,4 @@ fn distance_constraints(positions: &[DVec3], faces: &[[u32; 3]]) -> (Vec<Distanc
         }
     }
     (edges, bends)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::isosurface::ScalarGrid;
-
-    const RATE: f64 = 30.0;
-
-    /// A horizontal square sheet of side 0.6 m, centred above the origin.
-    fn sheet(height: f64, cells: usize) -> (Vec<DVec3>, Vec<[u32; 3]>) {
-        let place = |count: usize| (count as f64 / cells as f64 - 0.5) * 0.6;
-        let positions = (0..=cells)
-            .flat_map(|z| (0..=cells).map(move |x| DVec3::new(place(x), height, place(z))))
-            .collect();
-        let faces = (0..cells)
-            .flat_map(|z| (0..cells).map(move |x| (z * (cells + 1) + x) as u32))
-            .flat_map(|corner| {
-                let row = cells as u32 + 1;
-                [[corner, corner + row, corner + 1], [corner + 1, corner + row, corner + row + 1]]
-            })
-            .collect();
-        (positions, faces)
-    }
-
-    fn ball(radius: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
-        let half = DVec3::splat(radius + 0.03);
-        let mut grid = ScalarGrid::covering(-half, half, 0.01);
-        let [nx, ny, _] = grid.dimensions;
-        let origin = grid.origin;
-        for (sample, value) in grid.samples.iter_mut().enumerate() {
-            let place = [sample % nx, sample / nx % ny, sample / (nx * ny)].map(|count| count as f64 * 0.01);
-            *value = ((origin + DVec3::from_array(place)).length() - radius) as f32;
-        }
-        grid.surface()
-    }
-
-    /// Advances by whole frames over a body that stays where it is.
-    fn run(cloth: &mut Cloth, body: &(Vec<DVec3>, Vec<[u32; 3]>), frames: usize, settings: &ClothSettings) {
-        for _ in 0..frames {
-            let interval = BodyInterval::new(&body.1, &body.0, &body.0, 1.0 / RATE, settings).unwrap();
-            cloth.advance(&interval, settings);
-        }
-    }
-
-    fn far_away() -> (Vec<DVec3>, Vec<[u32; 3]>) {
-        let (mut positions, faces) = ball(0.05);
-        positions.iter_mut().for_each(|position| position.y -= 100.0);
-        (positions, faces)
-    }
-
-    fn vacuum() -> ClothSettings {
-        ClothSettings {
-            air_drag: 0.0,
-            damping_per_second: 0.0,
-            internal_damping: 0.0,
-            ..ClothSettings::default()
-        }
-    }
-
-    #[test]
-    fn cloth_falls_freely_in_a_vacuum() {
-        let (positions, faces) = sheet(0.0, 10);
-        let settings = vacuum();
-        let mut cloth = Cloth::new(positions, &faces, Vec::new(), &settings);
-        run(&mut cloth, &far_away(), 15, &settings);
-        let seconds = 15.0 / RATE;
-        let expected = -0.5 * settings.gravity * seconds * seconds;
-        // Symplectic Euler is early by half a substep: g·t·dt/2.
-        let early = settings.gravity * seconds / settings.substeps_per_second;
-        for (position, velocity) in cloth.positions().iter().zip(cloth.velocities()) {
-            assert!((position.y - expected).abs() < early, "{} {expected}", position.y);
-            assert!((velocity.y + settings.gravity * seconds).abs() < 1e-6);
-        }
-    }
-
-    /// Hung by two corners it swings: energy may go, but none may come.
-    #[test]
-    fn a_hanging_cloth_gains_no_energy_and_hardly_stretches() {
-        let (positions, faces) = sheet(0.0, 20);
-        let settings = ClothSettings::default();
-        let body = far_away();
-        let mut cloth = Cloth::new(positions, &faces, Vec::new(), &settings);
-        for vertex in 0..=20 {
-            cloth.inverse_masses[vertex] = 0.0;
-        }
-        let mut energy = 0.0;
-        for frame in 0..90 {
-            run(&mut cloth, &body, 1, &settings);
-            let now: f64 = cloth
-                .inverse_masses
-                .iter()
-                .zip(&cloth.positions)
-                .zip(&cloth.velocities)
-                .filter(|((inverse_mass, _), _)| **inverse_mass > 0.0)
-                .map(|((inverse_mass, position), velocity)| {
-                    (0.5 * velocity.length_squared() + settings.gravity * position.y) / inverse_mass
-                })
-                .sum();
-            assert!(now <= energy + 1e-3, "frame {frame}: energy rose from {energy} to {now} J");
-            energy = now;
-        }
-        let longest = cloth.stretch_ratios().fold(0.0, f64::max);
-        assert!(longest < 1.02, "longest edge is stretched to {longest}");
-        let lowest = cloth.positions().iter().map(|position| position.y).fold(f64::INFINITY, f64::min);
-        // It hangs down by its length, at most 2 % more.
-        assert!((0.55..0.612).contains(&-lowest), "{lowest}");
-    }
-
-    #[test]
-    fn a_cloth_on_a_ball_stays_out_of_it_and_comes_to_rest() {
-        let radius = 0.2;
-        let body = ball(radius);
-        let (positions, faces) = sheet(radius + 0.02, 30);
-        let settings = ClothSettings { friction: 0.6, ..ClothSettings::default() };
-        let mut cloth = Cloth::new(positions, &faces, Vec::new(), &settings);
-        run(&mut cloth, &body, 45, &settings);
-        let deepest =
-            cloth.positions().iter().map(|position| position.length() - radius).fold(f64::INFINITY, f64::min);
-        assert!(deepest > 0.002, "a vertex is {deepest} m from the skin; 4 mm are kept, 2 mm may be lost");
-        let fastest = cloth.velocities().iter().map(|velocity| velocity.length()).fold(0.0, f64::max);
-        assert!(fastest < 0.5, "{fastest} m/s after it settled");
-        let highest = cloth.positions().iter().map(|position| position.y).fold(f64::NEG_INFINITY, f64::max);
-        assert!((highest - radius - 0.004).abs() < 0.003, "it lies on top at {highest}");
-    }
-
-    #[test]
-    fn cloth_is_the_same_on_one_thread_and_two() {
-        let body = ball(0.2);
-        let settings = ClothSettings::default();
-        let on = |threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| {
-                let (positions, faces) = sheet(0.22, 20);
-                let mut cloth = Cloth::new(positions, &faces, Vec::new(), &settings);
-                run(&mut cloth, &body, 10, &settings);
-                cloth.positions().to_vec()
-            })
-        };
-        assert_eq!(on(1), on(2));
-    }
 }
