@@ -229,13 +229,22 @@ impl Table {
     }
 }
 
-/// What `benches/peers` needs to do the same work: the capture, the queries, identity, pose and the posed body.
+/// What `benches/peers` needs to do the same work: the capture, the queries and their distances, identity, pose
+/// and the posed body.
 fn write_export(folder: &Path, model: &BodyModel, sequence: &DressedSequence, table: &Table) {
     std::fs::create_dir_all(folder).expect("the folder can be made");
     let frame = &sequence.frames[0];
     write_mesh(&folder.join("capture.ply"), &frame.capture).expect("it can be written");
     let cloud = |points: &[DVec3]| PointCloud::new(points.to_vec(), None).expect("finite points");
     write_cloud(&folder.join("queries.ply"), &cloud(&frame.scene.body_vertices)).expect("it can be written");
+    let index = SurfaceIndex::of_mesh(&frame.capture);
+    let distances: String = frame
+        .scene
+        .body_vertices
+        .iter()
+        .map(|point| format!("{}\n", index.closest(*point).distance_squared.sqrt()))
+        .collect();
+    std::fs::write(folder.join("distances.csv"), distances).expect("it can be written");
     let surface = model.surface();
     let identity = identity_of(model);
     let pose = frame.scene.pose.parameters();
