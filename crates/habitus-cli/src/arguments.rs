@@ -10,12 +10,16 @@ use crate::commands::{
 
 const EXAMPLES: &str = "\
 Examples:
-  habitus demo                                  make a dressed sequence, fit it, compare it with the truth
-  habitus fit-sequence captures/ -o run         fit a folder of meshes; then open run/report.html
-  habitus measure run                           show the body's measurements
-  habitus export run --ply bodies               write one body mesh a frame
+  habitus demo                            make a dressed sequence, fit it, compare with the truth
+  habitus fit-sequence captures/ -o run   fit a folder of meshes; then open run/report.html
+  habitus measure run                     show the body's measurements
+  habitus export run --ply bodies         write one body mesh a frame
 
-Exit codes: 0 all is fine; 1 an error; 2 wrong usage; 3 finished, but some bodies must not be used unseen.";
+Exit codes:
+  0  all is fine
+  1  an error
+  2  wrong usage
+  3  finished, but some bodies must not be used unseen";
 
 /// Finds the body under the clothes in 3D captures of people in motion.
 #[derive(Debug, Parser)]

@@ -18,9 +18,9 @@ Examples:
   habitus fit-sequence captures/ -o run --first 10 --last 99 --step 3
   habitus fit-sequence captures/ -o run --landmarks marks.csv --set fit_sequence.components=40
 
-INPUT is a folder, one file, or a pattern such as scan_%04d.ply; PLY, OBJ, STL, OFF and GLB are read, and each frame
-may have its own connectivity. Results are in the input's own frame and unit. A killed run goes on where it stopped
-when the same command is given again.";
+INPUT is a folder, one file, or a pattern such as scan_%04d.ply. PLY, OBJ, STL, OFF and GLB are
+read, and each frame may have its own connectivity. Results are in the input's own frame and unit.
+A killed run goes on where it stopped when the same command is given again.";
 
 /// Arguments of the verb.
 #[derive(Debug, Args)]

@@ -21,10 +21,10 @@ use crate::progress::StageBar;
 const EXAMPLES: &str = "\
 Examples:
   habitus generate -o dressed
-  habitus generate -o dressed --outfit shirt-and-trousers --motion knee-pulls --frames 90 --subject 3
+  habitus generate -o dressed --outfit shirt-and-trousers --motion knee-pulls --subject 3
 
-Writes frame_0000.ply … and truth.npz: rest body, poses, joints and posed bodies in metres, y up. The bodies are not
-instances of the body model that is fitted.";
+Writes frame_0000.ply … and truth.npz: rest body, poses, joints and posed bodies in metres, y up.
+The bodies are not instances of the body model that is fitted.";
 
 /// Arguments of the verb.
 #[derive(Debug, Args)]

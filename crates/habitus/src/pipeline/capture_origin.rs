@@ -1,11 +1,14 @@
 //! Where the captures of a run were, so that a report can show them again. Kept apart from the results, which name no
 //! folder of any machine.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use habitus_geometry::io::{Format, ReadError};
 use serde::{Deserialize, Serialize};
 
 use super::run_folder::RunFolderError;
+use super::sequence_run::RunError;
 use crate::artifacts::frames::{FrameError, FrameFolder};
 use crate::artifacts::write_atomically;
 
@@ -29,11 +32,26 @@ const FILE: &str = ".captures.toml";
 
 impl CaptureOrigin {
     /// Lists the frames.
-    pub fn frames(&self) -> Result<FrameFolder, FrameError> {
+    pub fn frames(&self) -> Result<FrameFolder, RunError> {
         let all = FrameFolder::open(&self.input)?;
-        let selected = all.select(self.first, self.last, self.step);
+        if let Some(path) = all.files().iter().find(|path| Format::of_path(path).is_none()) {
+            return Err(FrameError::Read(ReadError::UnknownFormat { path: path.clone() }).into());
+        }
+        let formats: BTreeSet<String> = all.files().iter().map(|path| extension(path)).collect();
+        if formats.len() > 1 {
+            // The same frames in two formats would be fitted twice, in an order that nobody meant.
+            let formats = formats.into_iter().collect::<Vec<_>>().join(", ");
+            return Err(RunError::MixedFormats { path: self.input.clone(), formats });
+        }
+        let count = all.files().len();
+        let selected = all.select(self.first, self.last.map(|last| last.min(count)), self.step);
         if selected.files().is_empty() {
-            return Err(FrameError::Empty { path: self.input.clone() });
+            return Err(RunError::NothingSelected {
+                path: self.input.clone(),
+                count,
+                first: self.first,
+                last: self.last.unwrap_or(count - 1),
+            });
         }
         Ok(selected)
     }
@@ -58,9 +76,39 @@ impl CaptureOrigin {
     }
 }
 
+fn extension(path: &Path) -> String {
+    path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
+}
+
 #[cfg(test)]
 mod tests {
-    use super::CaptureOrigin;
+    use super::{CaptureOrigin, RunError};
+
+    fn origin(input: &std::path::Path, first: usize, last: Option<usize>) -> CaptureOrigin {
+        CaptureOrigin { input: input.to_path_buf(), first, last, step: 1, frame_rate: 30.0 }
+    }
+
+    #[test]
+    fn two_formats_in_one_folder_are_refused_and_a_pattern_chooses() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for name in ["a_1.ply", "a_1.obj", "a_2.PLY"] {
+            std::fs::write(folder.path().join(name), b"").expect("writes");
+        }
+        let mixed = origin(folder.path(), 0, None).frames();
+        assert!(matches!(mixed, Err(RunError::MixedFormats { .. })));
+        let chosen = origin(&folder.path().join("a_%d.obj"), 0, None).frames().expect("one format");
+        assert_eq!(chosen.files().len(), 1);
+    }
+
+    #[test]
+    fn a_selection_beyond_the_last_frame_says_how_many_there_are() {
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join("a.ply"), b"").expect("writes");
+        for (first, last) in [(1, None), (3, Some(5)), (1, Some(0))] {
+            let error = origin(folder.path(), first, last).frames().expect_err("selects nothing");
+            assert!(error.to_string().contains("1 frames"), "{error}");
+        }
+    }
 
     #[test]
     fn captures_inside_the_run_are_found_after_it_moved() {

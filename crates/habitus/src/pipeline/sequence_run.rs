@@ -30,6 +30,26 @@ pub enum RunError {
     /// The captures cannot be read.
     #[error(transparent)]
     Frames(#[from] FrameError),
+    /// A folder holds files of several formats.
+    #[error("{}: holds files of several formats ({formats}); name one of them with a pattern such as {}", path.display(), path.join("frame_%d.ply").display())]
+    MixedFormats {
+        /// The folder.
+        path: PathBuf,
+        /// The formats.
+        formats: String,
+    },
+    /// The first and last frame leave nothing.
+    #[error("{}: has {count} frames, counted from 0, and none from {first} to {last}; change --first or --last", path.display())]
+    NothingSelected {
+        /// The input.
+        path: PathBuf,
+        /// How many frames it has.
+        count: usize,
+        /// First frame asked for.
+        first: usize,
+        /// Last frame asked for.
+        last: usize,
+    },
     /// The user's landmarks cannot be used.
     #[error(transparent)]
     Landmarks(#[from] LandmarkFileError),
@@ -162,8 +182,14 @@ impl<'a> SequenceRun<'a> {
         let input = &self.input;
         self.stage.mark_unfinished()?;
         let mut journal = self.stage.journal(file_names::JOURNAL, &self.key)?;
-        let sequence =
+        let mut sequence =
             fit_sequence(input.source, input.model, input.config, input.landmarks, &mut journal, observer)?;
+        // No trusted frame, no known clearance; files hold finite numbers only.
+        sequence
+            .smallest_clearance
+            .iter_mut()
+            .filter(|value| !value.is_finite())
+            .for_each(|value| *value = 0.0);
         let measurements = measure_fit(input.model, &sequence.identity, Some(&sequence.identity_covariance))?;
         Ok(MeasuredFit { fit: RiggedSequence { sequence, rig: Rig::of(input.model) }, measurements })
     }
