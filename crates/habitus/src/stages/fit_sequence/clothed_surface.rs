@@ -21,10 +21,32 @@ pub(super) fn robust_energy(distance_squared: f64, scale: f64) -> f64 {
     scale * scale * distance_squared / (scale * scale + distance_squared)
 }
 
+/// Makes a pair one-sided: sets its weight and, beyond the tolerance outside, moves its target out by the tolerance, so
+/// that the noise of the capture does not push the body in. Returns the pair's robust energy in square metres.
+pub(super) fn weigh_one_sided(
+    pair: &mut Correspondence,
+    is_bare: bool,
+    inside: (f64, f64),
+    config: &SurfaceConfig,
+) -> f64 {
+    let beyond = pair.signed_distance - config.outside_tolerance;
+    let (distance, weight, scale) = if beyond > 0.0 {
+        pair.target += pair.normal * config.outside_tolerance;
+        (beyond, config.outside_weight, config.outside_scale)
+    } else if is_bare {
+        (pair.signed_distance, config.bare_weight, config.bare_scale)
+    } else {
+        (pair.signed_distance, inside.0, inside.1)
+    };
+    let squared = distance * distance;
+    pair.weight = weight * robust_weight(squared, scale);
+    weight * robust_energy(squared, scale)
+}
+
 /// The frozen pairs of one round and the energy they stand for.
 pub(super) struct ClothedPairs {
     pub pairs: Vec<Correspondence>,
-    /// Mean robust energy per vertex in square metres; a vertex without a credible pair counts as far inside.
+    /// Mean robust energy per vertex in square metres; a vertex without a credible pair counts as far away.
     pub energy: f64,
     /// Share of vertices with a credible pair.
     pub inlier_share: f64,
@@ -39,17 +61,10 @@ pub(super) fn clothed_pairs(
     config: &SurfaceConfig,
 ) -> ClothedPairs {
     let mut pairs = field.correspondences(vertices, normals, &config.compatibility);
+    let inside = (config.inside_weight, config.inside_scale);
     let mut energy = 0.0;
     for pair in &mut pairs {
-        let vertex = pair.vertex as usize;
-        let squared = (vertices[vertex] - pair.target).length_squared();
-        let (weight, scale) = match (level.is_bare[vertex], pair.is_outside) {
-            (true, _) => (config.bare_weight, config.bare_scale),
-            (false, true) => (config.outside_weight, config.outside_scale),
-            (false, false) => (config.inside_weight, config.inside_scale),
-        };
-        pair.weight = weight * robust_weight(squared, scale);
-        energy += weight * robust_energy(squared, scale);
+        energy += weigh_one_sided(pair, level.is_bare[pair.vertex as usize], inside, config);
     }
     let paired = pairs.len() as f64;
     let count = vertices.len().max(1) as f64;

@@ -180,13 +180,15 @@ pub struct SurfaceConfig {
     pub compatibility: CompatibilityRules,
     /// Weight of a vertex outside the capture.
     pub outside_weight: f64,
+    /// How far outside a vertex may lie before it counts as outside: the capture's own noise.
+    pub outside_tolerance: f64,
     /// Weight of a vertex inside, before the robust kernel.
     pub inside_weight: f64,
     /// Geman–McClure scale of vertices inside.
     pub inside_scale: f64,
     /// Geman–McClure scale of vertices outside; far larger than any real protrusion.
     pub outside_scale: f64,
-    /// Weight of bare parts (head, hands, feet), which are two-sided.
+    /// Weight of bare parts (head, hands, feet) inside: they are drawn to the capture firmly.
     pub bare_weight: f64,
     /// Geman–McClure scale of bare parts.
     pub bare_scale: f64,
@@ -196,7 +198,8 @@ impl Default for SurfaceConfig {
     fn default() -> Self {
         Self {
             compatibility: CompatibilityRules::default(),
-            outside_weight: 3.0,
+            outside_weight: 12.0,
+            outside_tolerance: 0.002,
             inside_weight: 0.1,
             inside_scale: 0.03,
             outside_scale: 0.12,

@@ -9,14 +9,13 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::FitSequenceError;
-use super::body_levels::PreparedIdentity;
 use super::captured_frame::CapturedFrame;
-use super::clothed_surface::robust_weight;
-use super::config::{RefineConfig, SurfaceConfig};
+use super::clothed_surface::weigh_one_sided;
+use super::config::RefineConfig;
 use super::pose_solver::{AnglePrior, PoseSolver};
 use crate::body::{IdentityCoefficients, ROOT_LENGTH};
-use crate::fitting::VertexResidual;
 use crate::fitting::correspondence::{ClosestField, Correspondence};
+use crate::fitting::terms::{ClosestPoints, DistanceForm};
 use crate::fitting::deformers::body_assembly::{BodyAssembly, Gather, ShapeMoments};
 
 /// Frames whose equations are in memory together; fixed, so that sums do not depend on the thread count.
@@ -151,22 +150,18 @@ fn frame_share(
     let posed = body.posed(&pose);
     let (vertices, normals) = body.vertices_and_normals(&posed);
     let field = ClosestField::find(&capture.index, &vertices, field.as_ref());
-    let pairs = field.correspondences(&vertices, &normals, &solver.surface.compatibility);
+    let mut pairs = field.correspondences(&vertices, &normals, &solver.surface.compatibility);
     let mut clearance = vec![f64::INFINITY; vertices.len()];
     for pair in &pairs {
         clearance[pair.vertex as usize] = -pair.signed_distance;
     }
-    let residuals: Vec<VertexResidual> = pairs
-        .iter()
-        .map(|pair| VertexResidual {
-            vertex: pair.vertex,
-            direction: pair.normal,
-            target: pair.target,
-            weight: contact_aware_weight(body, pair, contact, solver.surface, config),
-        })
-        .collect();
+    for pair in &mut pairs {
+        let inside = (contact_weight(pair, contact, config), contact.scale);
+        weigh_one_sided(pair, body.level.is_bare[pair.vertex as usize], inside, solver.surface);
+    }
+    let closest = ClosestPoints::new(&pairs, DistanceForm::Plane);
     let mut assembly = BodyAssembly::new(surface, Gather::PoseAndIdentity, true);
-    assembly.add(surface, &posed, &body.rest, &vertices, &residuals);
+    assembly.add(surface, &posed, &body.rest, &vertices, closest.residuals());
     let mut equations = assembly.equations(surface, &posed);
     let count = vertices.len() as f64;
     for (target, stiffness) in &prior.pulls {
@@ -198,26 +193,12 @@ fn frame_share(
 }
 
 /// Cloth touches skin somewhere, sometime: a covered vertex is drawn to the cloth only in frames in which it comes
-/// about as close as it ever does, and only if that is close.
-fn contact_aware_weight(
-    body: &PreparedIdentity<'_>,
-    pair: &Correspondence,
-    contact: &Contact<'_>,
-    surface: &SurfaceConfig,
-    config: &RefineConfig,
-) -> f64 {
-    let vertex = pair.vertex as usize;
-    let distance = pair.signed_distance;
-    if body.level.is_bare[vertex] {
-        return surface.bare_weight * robust_weight(distance * distance, surface.bare_scale);
-    }
-    if pair.is_outside {
-        return surface.outside_weight * robust_weight(distance * distance, surface.outside_scale);
-    }
-    let depth = -distance;
-    let smallest = contact.earlier_clearance.map_or(depth, |clearance| clearance[vertex].max(0.0));
+/// about as close as it ever does, and, through the robust kernel, only if that is close.
+fn contact_weight(pair: &Correspondence, contact: &Contact<'_>, config: &RefineConfig) -> f64 {
+    let depth = (-pair.signed_distance).max(0.0);
+    let smallest = contact.earlier_clearance.map_or(depth, |clearance| clearance[pair.vertex as usize].max(0.0));
     let above = (depth - smallest).max(0.0) / config.clearance_tolerance;
-    config.contact_weight * robust_weight(depth * depth, contact.scale) * (-above * above).exp()
+    config.contact_weight * (-above * above).exp()
 }
 
 /// Positions of `count` frames at most, evenly spread over the trusted ones.
