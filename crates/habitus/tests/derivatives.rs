@@ -2,6 +2,7 @@
 //!
 //! A formula stands once, in the residual; what a deformer may get wrong is how a vertex moves with a parameter. The table
 //! below therefore pairs each term with each deformer, once through the batched kernels and once through the plain form.
+#![allow(clippy::expect_used, clippy::panic, reason = "a test may fail loudly")]
 
 use glam::{DMat3, DVec3};
 use habitus::body::{BodyModel, BodySurface};

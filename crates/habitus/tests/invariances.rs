@@ -1,4 +1,5 @@
 //! Laws that hold whatever the numbers are: rigid motion, heading, up axis and unit, thread count, interruption.
+#![allow(clippy::expect_used, clippy::panic, clippy::print_stdout, reason = "a test may fail loudly")]
 
 use std::cell::Cell;
 

@@ -1,5 +1,6 @@
 //! Known truth: a synthetic person, dressed and captured, is found again under the clothes, and what is no person is
 //! never passed off as one.
+#![allow(clippy::expect_used, clippy::print_stdout, reason = "a test may fail loudly")]
 
 use std::sync::LazyLock;
 
