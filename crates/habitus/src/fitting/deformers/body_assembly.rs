@@ -449,3 +449,6 @@ fn dot6(a: &Wrench, b: &Wrench) -> f64 {
 fn multiply6(block: &[f64; 36], vector: &Wrench) -> Wrench {
     std::array::from_fn(|row| (0..6).map(|column| block[6 * row + column] * vector[column]).sum())
 }
+
+#[cfg(test)]
+mod tests;
