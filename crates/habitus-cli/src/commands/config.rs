@@ -11,7 +11,8 @@ Examples:
   habitus config > all.toml
   habitus config --set fit_sequence.recipe=paper2016
 
-A settings file need only hold what differs from the defaults. Lengths are metres and angles radians.";
+A settings file need only hold what differs from the defaults. Lengths are metres and angles
+radians.";
 
 /// Arguments of the verb.
 #[derive(Debug, Args)]

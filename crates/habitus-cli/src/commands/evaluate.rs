@@ -11,7 +11,7 @@ use habitus::pipeline::{MeasuredFit, measure_stored_fit, read_stored_fit};
 use habitus_synthetic::truth::DressedTruth;
 
 use crate::Outcome;
-use crate::commands::generate::sequence_truth;
+use crate::commands::generate::{sequence_truth, truth_of_frames};
 use crate::console::Console;
 use crate::sequence_job::{accuracy, accuracy_table, load_model};
 
@@ -63,7 +63,9 @@ pub fn run(arguments: &EvaluateArguments, console: &Console) -> anyhow::Result<O
         let fit = read_stored_fit(run)?;
         let measurements = measure_stored_fit(&model, &fit)?;
         let name = run.display().to_string();
-        let found = accuracy(&model, &MeasuredFit { fit, measurements }, &truth)
+        let names: Vec<String> = fit.sequence.frames.iter().map(|frame| frame.name.clone()).collect();
+        let found = truth_of_frames(&truth, names.iter().map(String::as_str))
+            .and_then(|truth| accuracy(&model, &MeasuredFit { fit, measurements }, &truth))
             .with_context(|| format!("{name} and {}", arguments.truth.display()))?;
         console.result(format!("{name}\n{}", accuracy_table(&found)));
         results.insert(name, found);

@@ -1,5 +1,6 @@
 //! `habitus generate`.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -11,7 +12,7 @@ use habitus_synthetic::garment::Outfit;
 use habitus_synthetic::motion::Motion;
 use habitus_synthetic::sequence::DressedSequenceSettings;
 use habitus_synthetic::source_bodies::source_body_names;
-use habitus_synthetic::truth::{DressedTruth, TRUTH_FILE, write_sequence};
+use habitus_synthetic::truth::{DressedTruth, TRUTH_FILE, capture_file, write_sequence};
 
 use crate::Outcome;
 use crate::config_file::SettingsArguments;
@@ -149,11 +150,11 @@ pub fn make_sequence(
 ) -> anyhow::Result<SequenceTruth> {
     if folder.join(TRUTH_FILE).is_file() {
         let found = DressedTruth::read(folder);
-        if let (Ok(found), false) = (&found, is_forced) {
-            if found.settings == *settings {
-                console.note(format!("{}: already made with these settings", folder.display()));
-                return Ok(sequence_truth(model, found));
-            }
+        if let (Ok(found), false) = (&found, is_forced)
+            && found.settings == *settings
+        {
+            console.note(format!("{}: already made with these settings", folder.display()));
+            return Ok(sequence_truth(model, found));
         }
     }
     make_room(folder)?;
@@ -196,4 +197,22 @@ pub fn sequence_truth(model: &BodyModel, truth: &DressedTruth) -> SequenceTruth 
         posed_vertices: truth.posed_vertices.clone(),
         joints: truth.joints.clone(),
     }
+}
+
+/// The truth of those frames that a fit has, by the names of their captures.
+pub fn truth_of_frames<'a>(
+    truth: &SequenceTruth,
+    names: impl IntoIterator<Item = &'a str>,
+) -> anyhow::Result<SequenceTruth> {
+    let number_of: BTreeMap<String, usize> =
+        (0..truth.joints.len()).map(|frame| (capture_file(frame), frame)).collect();
+    let mut chosen = SequenceTruth { posed_vertices: Vec::new(), joints: Vec::new(), ..truth.clone() };
+    for name in names {
+        let frame = number_of.get(name).with_context(|| {
+            format!("frame {name} is none of the {} that the truth knows", number_of.len())
+        })?;
+        chosen.posed_vertices.push(truth.posed_vertices[*frame].clone());
+        chosen.joints.push(truth.joints[*frame].clone());
+    }
+    Ok(chosen)
 }

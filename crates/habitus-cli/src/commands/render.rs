@@ -27,7 +27,8 @@ Examples:
   habitus render run -o girths.png --measurements
   habitus render scan.ply body.obj -o meshes.png --up z
 
-Runs are drawn as the person faces in each frame; meshes as they lie, front towards +z (+x for z up).";
+Runs are drawn as the person faces in each frame; meshes as they lie, front towards +z (+x for
+z up).";
 
 /// Arguments of the verb.
 #[derive(Debug, Args)]

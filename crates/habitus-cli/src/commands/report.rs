@@ -49,7 +49,7 @@ pub fn run(arguments: &ReportArguments, console: &Console) -> anyhow::Result<Out
             None => CaptureOrigin { input, first: 0, last: None, step: 1, frame_rate: 30.0 },
         });
     }
-    if !origin.as_ref().is_some_and(|origin| origin.frames().is_ok()) {
+    if origin.as_ref().is_none_or(|origin| origin.frames().is_err()) {
         console.warning("the captures are not where they were, so the report shows the body alone; name them with --captures");
     }
     let result = MeasuredFit { fit, measurements };

@@ -176,7 +176,7 @@ fn a_file_without_permission() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("secret.ply");
     std::fs::write(&file, capture()).expect("writes");
-    std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0)).expect("can be locked");
+    std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o000)).expect("can be locked");
     if std::fs::read(&file).is_ok() {
         // The superuser may read everything; a folder in the file's place cannot be read by anybody.
         std::fs::remove_file(&file).expect("removes");

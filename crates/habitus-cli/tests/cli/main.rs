@@ -1,4 +1,5 @@
 //! The command as a person uses it: files in, files, messages and exit codes out.
+#![allow(clippy::expect_used, clippy::panic, reason = "test helpers stand outside test functions")]
 
 mod bench;
 mod hostile_files;

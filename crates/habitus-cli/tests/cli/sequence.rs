@@ -141,6 +141,23 @@ fn the_truth_is_near_and_two_fits_are_compared_in_one_table() {
 }
 
 #[test]
+fn a_part_of_a_sequence_is_compared_with_its_own_frames() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (out, numbers) = (folder.path().join("run"), folder.path().join("accuracy.json"));
+    let part = ["--first", "1", "--last", "3", "--step", "2", "--recipe", "paper2016"];
+    fit_into(&fitted().captures, &out, &part);
+    run(words!["evaluate", "sequence", out, "--truth", fitted().captures, "-o", numbers]).expect(0);
+    let summary = json(&out.join("summary.json"));
+    assert_eq!(keys(&summary), sorted(&SUMMARY_KEYS[..11]), "the same keys from the paper's recipe");
+    assert_eq!(summary["frames"], 2);
+    let accuracy = json(&numbers);
+    let accuracy = accuracy.as_object().expect("by run").values().next().expect("one run");
+    // Compared with the wrong frames, a walk would be off by a step.
+    assert!(accuracy["mpjpe_mm"].as_f64().expect("a number") < 120.0, "{accuracy}");
+    assert!(accuracy["jitter_ratio"].is_null(), "two frames have no second difference");
+}
+
+#[test]
 fn a_run_is_measured_as_a_table_and_as_a_file() {
     let folder = tempfile::tempdir().expect("a folder");
     let table = folder.path().join("table.csv");
