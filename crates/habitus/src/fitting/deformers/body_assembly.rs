@@ -122,7 +122,8 @@ impl ShapeMoments {
                     stacked[(3 * slot + 2, component)] = factor[5] * a[2];
                 }
             }
-            matrix.gemm_tr(1.0, &stacked, &stacked, 1.0);
+            // Not gemm_tr, which is a loop of dot products.
+            matrix.gemm(1.0, &stacked.transpose(), &stacked, 1.0);
         }
     }
 }
