@@ -217,7 +217,8 @@ fn spread_over(presentations: &[Presentation]) -> Spread {
     spread
 }
 
-/// The promise is two millimetres for the rest body; half-way rounding of the start's horizontal axes is all that differs.
+/// The promise is two millimetres. The fit turns a capture to its own horizontal axes, which are known up to half a turn:
+/// headings on the same side of it give the same numbers, the two sides differ by what samples and rounds leave open.
 fn assert_same_body(spread: &Spread) {
     assert!(spread.rest_largest < 2.0, "{spread:?}");
     assert!(spread.posed_mean < 2.0, "{spread:?}");
