@@ -3,7 +3,7 @@
 use glam::DVec3;
 use habitus_geometry::vertex_normals;
 
-use crate::body::{BodyModel, BodySurface, PosedSkeleton};
+use crate::body::{BodyModel, BodySurface, PartLabel, PosedSkeleton};
 use crate::fitting::deformers::BodyParameters;
 
 /// Some vertices of the model.
@@ -14,13 +14,16 @@ pub(super) struct BodyLevel {
     pub surface: BodySurface,
     /// Whether a vertex belongs to head, hands or feet.
     pub is_bare: Vec<bool>,
+    /// Vertices of the head, of each hand and of each foot.
+    pub extremities: Vec<Vec<u32>>,
 }
 
 impl BodyLevel {
     fn new(model: &BodyModel, vertices: Vec<u32>, components: usize) -> Self {
         let is_bare = vertices.iter().map(|v| model.part_labels()[*v as usize].is_bare()).collect();
         let surface = model.surface().truncated(components).subset(&vertices);
-        Self { vertices, surface, is_bare }
+        let extremities = extremities(model, &vertices);
+        Self { vertices, surface, is_bare, extremities }
     }
 
     /// All vertices.
@@ -32,6 +35,23 @@ impl BodyLevel {
     pub fn spread(model: &BodyModel, count: usize, components: usize) -> Self {
         Self::new(model, farthest_points(model.mean_vertices(), count), components)
     }
+}
+
+/// Bare vertices by the side and part they belong to, as positions in `vertices`; parts without vertices are left out.
+fn extremities(model: &BodyModel, vertices: &[u32]) -> Vec<Vec<u32>> {
+    let mean = model.mean_vertices();
+    let mut parts = vec![Vec::new(); 5];
+    for (slot, vertex) in vertices.iter().enumerate() {
+        let side = usize::from(mean[*vertex as usize].x < 0.0);
+        match model.part_labels()[*vertex as usize] {
+            PartLabel::Covered => {}
+            PartLabel::Head => parts[0].push(slot as u32),
+            PartLabel::Hand => parts[1 + side].push(slot as u32),
+            PartLabel::Foot => parts[3 + side].push(slot as u32),
+        }
+    }
+    parts.retain(|part| !part.is_empty());
+    parts
 }
 
 /// Picks points one by one, each the farthest from those picked before.

@@ -72,6 +72,23 @@ pub(super) fn clothed_pairs(
     ClothedPairs { pairs, energy: energy / count, inlier_share: paired / count }
 }
 
+/// Whether the head, a hand or a foot has most of its vertices farther than `distance` from the capture. They are seen
+/// through most clothing, so that a part that is not there has gone astray.
+pub(super) fn is_extremity_missing(
+    level: &BodyLevel,
+    field: &ClosestField,
+    distance: f64,
+    share: f64,
+) -> bool {
+    level.extremities.iter().any(|part| {
+        let far = part
+            .iter()
+            .filter(|vertex| field.points[**vertex as usize].distance_squared > distance * distance)
+            .count();
+        far as f64 > share * part.len() as f64
+    })
+}
+
 /// Pairs from capture samples to their nearest body vertices, robustly weighted; they pull limbs into parts of the
 /// capture that no vertex has found. Returns the pairs and the mean robust energy per sample.
 pub(super) fn capture_pairs(

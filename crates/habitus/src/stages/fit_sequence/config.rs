@@ -223,14 +223,27 @@ pub struct TrackConfig {
     pub steps_per_round: usize,
     /// Weight of the capture-to-body direction, relative to the body-to-capture direction.
     pub capture_weight: f64,
-    /// Geman–McClure scale of the capture-to-body direction.
-    pub capture_scale: f64,
+    /// Geman–McClure scale of the capture-to-body direction in the first and in the last coarse round: wide at first,
+    /// so that a foot that has stayed behind is fetched, then narrow, so that a skirt does not pull the legs apart.
+    pub capture_scale: [f64; 2],
     /// Stiffness that keeps angles near the prediction, per vertex and squared radian.
     pub prediction_stiffness: f64,
     /// Stiffness that keeps angles near the rest pose, per vertex and squared radian.
     pub rest_stiffness: f64,
     /// Share of the last frame's motion that the prediction continues.
     pub velocity: f64,
+}
+
+impl TrackConfig {
+    /// The capture-to-body scale of a round, shrinking geometrically.
+    pub fn capture_scale(&self, round: usize, rounds: usize) -> f64 {
+        geometric(self.capture_scale, round, rounds)
+    }
+}
+
+/// Between a first and a last value, geometrically, at step `index` of `count`.
+fn geometric([first, last]: [f64; 2], index: usize, count: usize) -> f64 {
+    first * (last / first).powf(index as f64 / count.saturating_sub(1).max(1) as f64)
 }
 
 impl Default for TrackConfig {
@@ -241,7 +254,7 @@ impl Default for TrackConfig {
             fine_rounds: 2,
             steps_per_round: 1,
             capture_weight: 0.3,
-            capture_scale: 0.05,
+            capture_scale: [0.15, 0.05],
             prediction_stiffness: 2e-5,
             rest_stiffness: 2e-6,
             velocity: 0.7,
@@ -285,9 +298,7 @@ pub struct RefineConfig {
 impl RefineConfig {
     /// The contact scale of a pass, shrinking geometrically.
     pub fn contact_scale(&self, pass: usize, passes: usize) -> f64 {
-        let [first, last] = self.contact_scale;
-        let share = pass as f64 / passes.saturating_sub(1).max(1) as f64;
-        first * (last / first).powf(share)
+        geometric(self.contact_scale, pass, passes)
     }
 }
 
@@ -304,7 +315,7 @@ impl Default for RefineConfig {
             independent_residuals: 1000.0,
             smoothness: 2e-5,
             clearance_tolerance: 0.008,
-            contact_weight: 0.5,
+            contact_weight: 0.2,
             contact_scale: [0.08, 0.02],
             final_rounds: 2,
         }
@@ -360,9 +371,9 @@ pub struct CodeThresholds {
     pub uncovered_distance: f64,
     /// Largest share of such samples.
     pub uncovered_share: f64,
-    /// Distance from which a bare body vertex counts as having no capture.
+    /// Distance from which a vertex of head, hand or foot counts as having no capture.
     pub missing_distance: f64,
-    /// Largest share of such vertices in one bare part.
+    /// Largest share of such vertices in one of these parts.
     pub missing_share: f64,
     /// Largest turn of a joint between frames, in radians.
     pub jump_angle: f64,
@@ -380,7 +391,7 @@ impl Default for CodeThresholds {
             outside_share_20mm: 0.12,
             uncovered_distance: 0.3,
             uncovered_share: 0.15,
-            missing_distance: 0.12,
+            missing_distance: 0.05,
             missing_share: 0.6,
             jump_angle: 1.2,
             jump_distance: 0.4,

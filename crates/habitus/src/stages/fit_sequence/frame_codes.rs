@@ -4,11 +4,12 @@ use glam::DVec3;
 
 use super::body_levels::{BodyLevel, PreparedIdentity};
 use super::captured_frame::CapturedFrame;
+use super::clothed_surface::is_extremity_missing;
 use super::config::{CodeThresholds, SurfaceConfig};
 use super::refine_identity::{outside, signed_distances};
 use crate::artifacts::codes::Code;
 use crate::artifacts::fitted_sequence::Landmark;
-use crate::body::{BodyModel, PartLabel, ROOT_LENGTH};
+use crate::body::{BodyModel, ROOT_LENGTH};
 use crate::fitting::correspondence::ClosestField;
 
 /// What a frame's body looks like against its capture.
@@ -49,7 +50,9 @@ pub(super) fn judge_frame(
     let uncovered = uncovered_share(capture, &vertices, thresholds.uncovered_distance);
     fire(uncovered > thresholds.uncovered_share, Code::CaptureNotCovered);
     fire(uncovered > FOREIGN_FACTOR * thresholds.uncovered_share, Code::ForeignObject);
-    fire(is_bare_part_missing(model, body.level, &distances, thresholds), Code::BodyNotCovered);
+    let is_missing =
+        is_extremity_missing(body.level, &field, thresholds.missing_distance, thresholds.missing_share);
+    fire(is_missing, Code::BodyNotCovered);
     fire(is_joint_at_limit(body, pose), Code::JointAtLimit);
     let landmarks = landmarks(model, body.level, &vertices, &field, &pairs.iter().map(|p| p.vertex).collect::<Vec<_>>());
     FrameQuality {
@@ -73,27 +76,6 @@ fn uncovered_share(capture: &CapturedFrame, vertices: &[DVec3], distance: f64) -
         !vertices.iter().step_by(STRIDE).any(|vertex| vertex.distance_squared(sample.position) < limit)
     });
     uncovered.count() as f64 / capture.samples.len().max(1) as f64
-}
-
-fn is_bare_part_missing(
-    model: &BodyModel,
-    level: &BodyLevel,
-    distances: &[f64],
-    thresholds: &CodeThresholds,
-) -> bool {
-    [PartLabel::Head, PartLabel::Foot].into_iter().any(|part| {
-        let of_part = level
-            .vertices
-            .iter()
-            .zip(distances)
-            .filter(|(vertex, _)| model.part_labels()[**vertex as usize] == part);
-        let (mut count, mut missing) = (0_usize, 0_usize);
-        for (_, distance) in of_part {
-            count += 1;
-            missing += usize::from(distance.abs() > thresholds.missing_distance);
-        }
-        count > 0 && missing as f64 > thresholds.missing_share * count as f64
-    })
 }
 
 fn is_joint_at_limit(body: &PreparedIdentity<'_>, pose: &[f64]) -> bool {

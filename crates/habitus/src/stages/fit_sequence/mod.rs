@@ -206,6 +206,7 @@ impl<'a> Stage<'a> {
             fine: PreparedIdentity::new(self.model, fine, identity),
             surface: &self.config.surface,
             track: &self.config.track,
+            codes: &self.config.codes,
             bounds: habitus_optimize::Bounds::new(lower, upper)?,
         })
     }

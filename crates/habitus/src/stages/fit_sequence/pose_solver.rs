@@ -6,8 +6,8 @@ use habitus_optimize::{Bounds, GaussNewtonSettings, Silent, gauss_newton};
 use super::FitSequenceError;
 use super::body_levels::PreparedIdentity;
 use super::captured_frame::CapturedFrame;
-use super::clothed_surface::{capture_pairs, clothed_pairs};
-use super::config::{SurfaceConfig, TrackConfig};
+use super::clothed_surface::{capture_pairs, clothed_pairs, is_extremity_missing};
+use super::config::{CodeThresholds, SurfaceConfig, TrackConfig};
 use crate::body::{ROOT_LENGTH, Skeleton, rotation_vector};
 use crate::fitting::Fit;
 use crate::fitting::correspondence::ClosestField;
@@ -26,6 +26,8 @@ pub(super) struct PoseSolution {
     /// Mean one-sided energy per vertex plus the capture's share, in square metres.
     pub energy: f64,
     pub inlier_share: f64,
+    /// Head, a hand or a foot is away from the capture.
+    pub is_extremity_missing: bool,
 }
 
 /// Capture samples that are compared with the coarse vertices in one round.
@@ -37,6 +39,7 @@ pub(super) struct PoseSolver<'a> {
     pub fine: PreparedIdentity<'a>,
     pub surface: &'a SurfaceConfig,
     pub track: &'a TrackConfig,
+    pub codes: &'a CodeThresholds,
     pub bounds: Bounds,
 }
 
@@ -95,27 +98,29 @@ impl PoseSolver<'_> {
         rounds: usize,
     ) -> Result<PoseSolution, FitSequenceError> {
         let (pose, field) = self.polish_pose(frame, pose, prior, rounds)?;
-        let (energy, inlier_share) = self.judge(&self.fine, frame, &pose, field.as_ref());
-        Ok(PoseSolution { pose, energy, inlier_share })
+        Ok(self.judge(&self.fine, frame, pose, field.as_ref()))
     }
 
-    /// Energy and inlier share of a pose, both directions together.
-    pub fn judge(
+    /// How well a pose explains the frame, both directions together.
+    fn judge(
         &self,
         body: &PreparedIdentity<'_>,
         frame: &CapturedFrame,
-        pose: &[f64],
+        pose: Vec<f64>,
         earlier: Option<&ClosestField>,
-    ) -> (f64, f64) {
-        let (vertices, normals) = body.vertices_and_normals(&body.posed(pose));
+    ) -> PoseSolution {
+        let (vertices, normals) = body.vertices_and_normals(&body.posed(&pose));
         let field = ClosestField::find(&frame.index, &vertices, earlier);
+        let is_extremity_missing =
+            is_extremity_missing(body.level, &field, self.codes.missing_distance, self.codes.missing_share);
         let clothed = clothed_pairs(body.level, &field, &vertices, &normals, self.surface);
         // The coarse body is enough to see what of the capture is unexplained.
-        let (vertices, normals) = self.coarse.vertices_and_normals(&self.coarse.posed(pose));
+        let (vertices, normals) = self.coarse.vertices_and_normals(&self.coarse.posed(&pose));
         let stride = frame.samples.len().div_ceil(SAMPLES_PER_ROUND);
         let (_, uncovered) =
-            capture_pairs(frame, stride, &vertices, &normals, 1.0, self.track.capture_scale);
-        (clothed.energy + self.track.capture_weight * uncovered, clothed.inlier_share)
+            capture_pairs(frame, stride, &vertices, &normals, 1.0, self.track.capture_scale[1]);
+        let energy = clothed.energy + self.track.capture_weight * uncovered;
+        PoseSolution { pose, energy, inlier_share: clothed.inlier_share, is_extremity_missing }
     }
 
     fn rounds(
@@ -134,12 +139,12 @@ impl PoseSolver<'_> {
         let is_coarse = std::ptr::eq(body.level, self.coarse.level);
         let stride = frame.samples.len().div_ceil(SAMPLES_PER_ROUND);
         let mut field: Option<ClosestField> = None;
-        for _ in 0..rounds {
+        for round in 0..rounds {
             let (vertices, normals) = body.vertices_and_normals(&body.posed(pose));
             let found = ClosestField::find(&frame.index, &vertices, field.as_ref());
             let mut pairs = clothed_pairs(body.level, &found, &vertices, &normals, self.surface).pairs;
             if is_coarse {
-                let (weight, scale) = (self.track.capture_weight, self.track.capture_scale);
+                let (weight, scale) = (self.track.capture_weight, self.track.capture_scale(round, rounds));
                 pairs.extend(capture_pairs(frame, stride, &vertices, &normals, weight, scale).0);
             }
             let closest = ClosestPoints::new(&pairs, DistanceForm::Plane);

@@ -77,6 +77,12 @@ impl<'a> StartSearch<'a> {
             if index + 1 == halvings.len() {
                 let twins: Vec<Start> = starts.iter().take(2).map(|start| self.facing_twin(start)).collect();
                 starts.extend(twins);
+                let recombined: Vec<Start> = starts
+                    .par_iter()
+                    .take(2)
+                    .map(|start| self.recombine(&captures[start.capture], start, &starts))
+                    .collect();
+                starts.extend(recombined);
             }
             let shares = [done, done + halving.steps].map(|steps| steps as f64 / total.max(1) as f64);
             starts = starts
@@ -216,7 +222,7 @@ impl<'a> StartSearch<'a> {
 
     /// Head, hands and feet are seen through most clothing and tell front from back.
     fn part_weight(&self, vertex: usize) -> f64 {
-        if self.level.is_bare[vertex] { 1.5 } else { 1.0 }
+        if self.level.is_bare[vertex] { 2.0 } else { 1.0 }
     }
 
     /// Mean robust energy of both directions at the last scale, normals included: a pair whose normals disagree
@@ -239,6 +245,29 @@ impl<'a> StartSearch<'a> {
         let (_, uncovered) =
             super::clothed_surface::capture_pairs(frame, 1, &vertices, &normals, 1.0, scale);
         sum / weight_sum + uncovered
+    }
+
+    /// Tries the limbs of the other starts and of the clusters on this start, limb by limb, and keeps what explains the
+    /// frame better: a start that is right but for one arm need not come up as a whole.
+    fn recombine(&self, frame: &CapturedFrame, start: &Start, others: &[Start]) -> Start {
+        let mut best = start.clone();
+        best.energy = self.energy(frame, &best);
+        let skeleton = self.level.surface.skeleton();
+        for limb in ["left_upper_arm", "right_upper_arm", "left_thigh", "right_thigh"] {
+            let parameters = limb_parameters(skeleton, limb);
+            let candidates = others.iter().map(|other| &other.pose).chain(&self.clusters);
+            for candidate in candidates {
+                let mut trial = best.clone();
+                for parameter in &parameters {
+                    trial.pose[*parameter] = candidate[*parameter];
+                }
+                trial.energy = self.energy(frame, &trial);
+                if trial.energy < best.energy {
+                    best = trial;
+                }
+            }
+        }
+        best
     }
 
     /// Largest distance between the joints of two starts in metres; infinite between orientations.
@@ -302,6 +331,24 @@ fn distinct(starts: Vec<Start>, keep: usize) -> Vec<Start> {
 /// The bone whose joint ends this one.
 fn end_of(skeleton: &Skeleton, bone: usize) -> Option<usize> {
     (0..skeleton.bones().len()).find(|child| skeleton.bones()[*child].parent == Some(bone))
+}
+
+/// Pose parameters of a bone and of all bones below it.
+fn limb_parameters(skeleton: &Skeleton, bone_name: &str) -> Vec<usize> {
+    let bones = skeleton.bones();
+    let belongs = |mut bone: usize| loop {
+        if bones[bone].name == bone_name {
+            return true;
+        }
+        match bones[bone].parent {
+            Some(parent) => bone = parent,
+            None => return false,
+        }
+    };
+    (0..skeleton.axes().len())
+        .filter(|axis| belongs(skeleton.axes()[*axis].bone))
+        .map(|axis| ROOT_LENGTH + axis)
+        .collect()
 }
 
 fn mirrored_bone(skeleton: &Skeleton, bone: usize) -> usize {

@@ -347,6 +347,7 @@ impl Stage<'_> {
 
     fn is_suspicious(&self, solution: &PoseSolution, usual: Option<f64>) -> bool {
         solution.inlier_share < self.config.codes.inlier_share
+            || solution.is_extremity_missing
             || usual.is_some_and(|usual| solution.energy > SUSPICIOUS_RATIO * usual)
     }
 
@@ -365,7 +366,12 @@ impl Stage<'_> {
             let prior =
                 AnglePrior { pulls: vec![(vec![0.0; start.pose.len()], self.config.track.rest_stiffness)] };
             let solution = solver.solve(capture, &start.pose, &prior)?;
-            if solution.energy < best.energy {
+            let is_better = match (best.is_extremity_missing, solution.is_extremity_missing) {
+                (true, false) => true,
+                (false, true) => false,
+                _ => solution.energy < best.energy,
+            };
+            if is_better {
                 best = solution;
             }
         }
