@@ -217,8 +217,7 @@ fn spread_over(presentations: &[Presentation]) -> Spread {
     spread
 }
 
-/// The promise is two millimetres. The fit turns a capture to its own horizontal axes, which are known up to half a turn:
-/// headings on the same side of it give the same numbers, the two sides differ by what samples and rounds leave open.
+/// The promise is two millimetres; a fit that turns captures to their own horizontal axes keeps it by far.
 fn assert_same_body(spread: &Spread) {
     assert!(spread.rest_largest < 2.0, "{spread:?}");
     assert!(spread.posed_mean < 2.0, "{spread:?}");
