@@ -69,7 +69,7 @@ fn main() {
 /// A person in a dress, captured with about 40k triangles; the cloth is coarse, as only its shape matters.
 fn capture(model: &BodyModel) -> DressedSequence {
     let tiny = DressedSequenceSettings::tiny();
-    let capture = CaptureSettings { voxel_mm: 16.5, ..CaptureSettings::default() };
+    let capture = CaptureSettings { voxel_mm: 15.0, ..CaptureSettings::default() };
     let settings = DressedSequenceSettings { frame_count: FRAME_COUNT, capture, ..tiny };
     generate(model, &settings, &mut |_, _| {}).expect("the settings are sound")
 }
