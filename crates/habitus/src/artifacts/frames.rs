@@ -67,17 +67,15 @@ impl FrameFolder {
             (Some(_), Some(parent)) => parent,
             _ => input,
         };
-        let entries = std::fs::read_dir(folder).map_err(|error| FrameError::Folder {
-            path: folder.to_path_buf(),
-            reason: error.to_string(),
-        })?;
+        let entries = std::fs::read_dir(folder)
+            .map_err(|error| FrameError::Folder { path: folder.to_path_buf(), reason: error.to_string() })?;
         let mut files: Vec<(String, PathBuf)> = entries
             .filter_map(Result::ok)
             .map(|entry| (entry.file_name().to_string_lossy().into_owned(), entry.path()))
             .filter(|(name, path)| path.is_file() && is_capture(name))
             .filter(|(name, _)| pattern.as_ref().is_none_or(|pattern| pattern.matches(name)))
             .collect();
-        files.sort_by(|a, b| natural_key(&a.0).cmp(&natural_key(&b.0)));
+        files.sort_by_cached_key(|(name, _)| natural_key(name));
         if files.is_empty() {
             return Err(FrameError::Empty { path: input.to_path_buf() });
         }
@@ -92,7 +90,7 @@ impl FrameFolder {
     /// Keeps only some of the frames.
     #[must_use]
     pub fn select(&self, first: usize, last: Option<usize>, step: usize) -> Self {
-        let end = last.map_or(self.files.len(), |last| (last + 1).min(self.files.len()));
+        let end = last.map_or(self.files.len(), |last| last.saturating_add(1).min(self.files.len()));
         Self { files: self.files[first.min(end)..end].iter().step_by(step.max(1)).cloned().collect() }
     }
 }

@@ -22,8 +22,7 @@ impl Journal {
     /// Opens a journal. Lines written under another `key` (other inputs, settings or version) are discarded, and so
     /// is a last line that a kill cut short.
     pub fn open(path: &Path, key: &str) -> std::io::Result<Self> {
-        let mut file =
-            OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path)?;
+        let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path)?;
         let mut lines = Vec::new();
         let mut kept_bytes = 0_u64;
         let mut reader = BufReader::new(&file);

@@ -3,9 +3,9 @@
 pub mod body_export;
 pub mod codes;
 mod csv;
+pub mod fitted_sequence;
 #[cfg(test)]
 pub(crate) mod fixture;
-pub mod fitted_sequence;
 pub mod frames;
 pub mod journal;
 pub mod measurements;

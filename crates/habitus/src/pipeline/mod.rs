@@ -17,8 +17,8 @@ pub use capture_origin::CaptureOrigin;
 pub use input_key::InputKey;
 pub use run_folder::{RunFolder, RunFolderError, StageFolder, StageName};
 pub use sequence_run::{
-    MeasuredFit, RunError, SequenceInput, SequenceRun, file_names, measure_fit, measure_rest_body, measure_stored_fit,
-    read_stored_fit,
+    MeasuredFit, RunError, SequenceInput, SequenceRun, file_names, measure_fit, measure_rest_body,
+    measure_stored_fit, read_stored_fit,
 };
 pub use summary::{CodeSummary, MeasurementSummary, Seconds, Summary};
 pub use user_landmarks::{LandmarkFileError, read_user_landmarks};

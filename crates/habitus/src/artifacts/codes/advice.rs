@@ -37,7 +37,9 @@ impl Code {
             Self::AmbiguousFacing => "Front and back explain the capture almost equally well.",
             Self::IdentityAtLimit => "The build of the person rests on the edge of the population.",
             Self::TemporalJump => "The pose jumps farther from one frame to the next than a person can move.",
-            Self::CaptureRescaled => "The capture has another scale than the other frames and was brought to theirs.",
+            Self::CaptureRescaled => {
+                "The capture has another scale than the other frames and was brought to theirs."
+            }
             Self::NotConverged => "The solver stopped before it was done.",
             Self::ForeignObject => "Large parts of the capture belong to an object or to another person.",
             Self::UncertainFrameOfReference => "Unit or up axis were guessed and are not certain.",
@@ -59,7 +61,9 @@ impl Code {
             Self::JointAtLimit | Self::SelfIntersection => "look at the frame in the report",
             Self::AmbiguousStart => "check front and back in the report; give landmarks for the first frame",
             Self::IdentityAtLimit => "trust measurements less; a model of another population may fit better",
-            Self::TemporalJump => "look at the frame and its neighbours; give landmarks or a higher frame rate",
+            Self::TemporalJump => {
+                "look at the frame and its neighbours; give landmarks or a higher frame rate"
+            }
             Self::CaptureRescaled => "export all frames of the sequence in the same unit and place",
             Self::UncertainFrameOfReference => "say them with --unit and --up",
             Self::NotAPerson => "check the input; say --unit and --up if it is a person",

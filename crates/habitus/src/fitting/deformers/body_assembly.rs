@@ -201,8 +201,7 @@ impl BodyAssembly {
                 let position = *rotation * rest[vertex] + posed.translations[bone];
                 let force = residual.direction * skin_weight;
                 let moment = position.cross(force);
-                wrenches[wrench_count] =
-                    (bone, [moment.x, moment.y, moment.z, force.x, force.y, force.z]);
+                wrenches[wrench_count] = (bone, [moment.x, moment.y, moment.z, force.x, force.y, force.z]);
                 wrench_count += 1;
                 if self.gather == Gather::PoseAndIdentity {
                     q += rotation.transpose() * force;
@@ -390,7 +389,6 @@ impl BodyAssembly {
         translations: &[Vec<DVec3>],
         equations: &mut FrameEquations,
     ) {
-        let width = self.component_count;
         for a in 0..self.bone_count {
             for b in a..self.bone_count {
                 if !self.touched[a * self.bone_count + b] {
@@ -412,8 +410,8 @@ impl BodyAssembly {
                             equations.pose_identity[(*parameter, k)] += dot6(&twists[*parameter], image);
                         }
                     }
-                    for k in 0..width {
-                        let force = DVec3::from_slice(&images[k][3..]);
+                    for (k, image) in images.iter().enumerate() {
+                        let force = DVec3::from_slice(&image[3..]);
                         for (l, row) in translations.iter().enumerate() {
                             equations.identity_matrix[(l, k)] += row[from].dot(force);
                         }

@@ -124,8 +124,7 @@ impl DeformedSurface for PosedBody<'_> {
         if self.has_free_pose() {
             let mut derivatives = vec![DVec3::ZERO; self.posed.twists.len()];
             for (bone, weight) in surface.skin().of(vertex) {
-                let position =
-                    self.posed.rotations[bone] * self.rest[vertex] + self.posed.translations[bone];
+                let position = self.posed.rotations[bone] * self.rest[vertex] + self.posed.translations[bone];
                 for k in surface.skeleton().chain(bone) {
                     derivatives[*k] += self.posed.twists[*k].at(position) * weight;
                 }

@@ -31,9 +31,14 @@ impl BodyLevel {
         Self::new(model, (0..model.vertex_count() as u32).collect(), components)
     }
 
-    /// About `count` vertices, evenly spread over the mean body.
+    /// About `count` vertices, evenly spread over the mean body, and the landmarks.
     pub fn spread(model: &BodyModel, count: usize, components: usize) -> Self {
-        Self::new(model, farthest_points(model.mean_vertices(), count), components)
+        let mut vertices = farthest_points(model.mean_vertices(), count);
+        // Landmarks can be given at every resolution.
+        vertices.extend(model.landmark_vertices());
+        vertices.sort_unstable();
+        vertices.dedup();
+        Self::new(model, vertices, components)
     }
 }
 
@@ -71,7 +76,6 @@ fn farthest_points(points: &[DVec3], count: usize) -> Vec<u32> {
         }
         next = farthest.0;
     }
-    picked.sort_unstable();
     picked
 }
 

@@ -5,6 +5,7 @@ use habitus_geometry::{Surface, SurfaceIndex, TriangleMesh, area_weighted_points
 
 use super::FitSequenceError;
 use super::config::FrameConfig;
+use super::pose_solver::GivenLandmark;
 
 /// From the input's coordinates to those of the fit: metres, y up, centred on the first frame and turned to its own
 /// horizontal axes. All headings and offsets of a capture thereby give the same numbers.
@@ -18,6 +19,11 @@ pub(super) struct FitFromInput {
 }
 
 impl FitFromInput {
+    /// The same for a capture that is `factor` times too large.
+    pub fn rescaled(&self, factor: f64) -> Self {
+        Self { scale: self.scale / factor, ..*self }
+    }
+
     pub fn apply(&self, point: DVec3) -> DVec3 {
         self.rotation * (point * self.scale) + self.translation
     }
@@ -28,6 +34,43 @@ impl FitFromInput {
 pub(super) struct CaptureSample {
     pub position: DVec3,
     pub normal: DVec3,
+    /// Whether the capture is as thick here as an arm or a shank.
+    pub is_limb_like: bool,
+}
+
+impl CaptureSample {
+    /// Limbs have little area for what they say about the pose.
+    const LIMB_WEIGHT: f64 = 2.0;
+
+    /// How much the sample counts among others.
+    pub fn weight(&self) -> f64 {
+        if self.is_limb_like { Self::LIMB_WEIGHT } else { 1.0 }
+    }
+}
+
+/// Thickness of an arm or a shank, in a sleeve or bare; thinner are sheets of cloth, thicker trunks and skirts.
+const LIMB_THICKNESS: [f64; 2] = [0.03, 0.16];
+
+/// Whether the capture under a point is a tube: thin straight in, and from the middle thin in some direction across. A
+/// fold of a skirt is thin straight in but wide in all directions across.
+fn is_limb_like(index: &SurfaceIndex, position: DVec3, normal: DVec3) -> bool {
+    /// Steps off the surface that the ray starts on.
+    const STEP_IN: f64 = 1e-3;
+    const DIRECTIONS_ACROSS: usize = 4;
+    let way = |origin: DVec3, direction: DVec3| {
+        index.ray_hit(origin, direction, LIMB_THICKNESS[1]).map_or(f64::INFINITY, |hit| hit.distance)
+    };
+    let thickness = way(position - normal * STEP_IN, -normal);
+    if !(LIMB_THICKNESS[0]..LIMB_THICKNESS[1]).contains(&thickness) {
+        return false;
+    }
+    let middle = position - normal * (0.5 * thickness);
+    let (first, second) = normal.any_orthonormal_pair();
+    (0..DIRECTIONS_ACROSS).any(|step| {
+        let angle = std::f64::consts::PI * step as f64 / DIRECTIONS_ACROSS as f64;
+        let across = first * angle.cos() + second * angle.sin();
+        way(middle, across) + way(middle, -across) < LIMB_THICKNESS[1]
+    })
 }
 
 /// A frame that is ready to be fitted.
@@ -40,6 +83,8 @@ pub(super) struct CapturedFrame {
     pub middle: DVec3,
     /// How much larger the capture was than the rest of the sequence before it was brought to the same size.
     pub capture_scale: f64,
+    /// Landmarks that the user gives for this frame.
+    pub landmarks: Vec<GivenLandmark>,
 }
 
 /// A size of a capture that hardly depends on the pose: the root of a mesh's area, the spread of a cloud.
@@ -84,8 +129,7 @@ impl CapturedFrame {
         name: &str,
     ) -> Result<Self, FitSequenceError> {
         let capture_scale = capture_scale(&surface, fit_from_input.usual_size);
-        let rescaled = FitFromInput { scale: fit_from_input.scale / capture_scale, ..*fit_from_input };
-        let fit_from_input = &rescaled;
+        let fit_from_input = &fit_from_input.rescaled(capture_scale);
         match surface {
             Surface::Mesh(mesh) => Self::of_mesh(mesh, fit_from_input, config, seed, name, capture_scale),
             Surface::Cloud(cloud) => {
@@ -105,12 +149,16 @@ impl CapturedFrame {
                 let stride = positions.len().div_ceil(config.sample_count.max(1)).max(1);
                 let samples = (0..positions.len())
                     .step_by(stride)
-                    .map(|i| CaptureSample { position: positions[i], normal: normals[i] })
+                    .map(|i| CaptureSample {
+                        position: positions[i],
+                        normal: normals[i],
+                        is_limb_like: false,
+                    })
                     .collect::<Vec<_>>();
                 let middle = middle_of(&samples);
                 let bounds = bounds_of(&positions);
                 let index = SurfaceIndex::of_cloud(&positions, &normals);
-                Ok(Self { index, samples, bounds, middle, capture_scale })
+                Ok(Self { index, samples, bounds, middle, capture_scale, landmarks: Vec::new() })
             }
         }
     }
@@ -138,14 +186,18 @@ impl CapturedFrame {
         let mesh = TriangleMesh::new(positions, faces)
             .map_err(|source| FitSequenceError::UnusableFrame { frame: name.into(), source })?;
         let normals = habitus_geometry::face_normals(mesh.positions(), mesh.faces());
+        let index = SurfaceIndex::of_mesh(&mesh);
         let samples: Vec<CaptureSample> = area_weighted_points(&mesh, config.sample_count, seed)
             .into_iter()
-            .map(|(position, face)| CaptureSample { position, normal: normals[face as usize] })
+            .map(|(position, face)| {
+                let normal = normals[face as usize];
+                CaptureSample { position, normal, is_limb_like: is_limb_like(&index, position, normal) }
+            })
             .collect();
         let used: Vec<DVec3> =
             mesh.faces().iter().flatten().map(|vertex| mesh.positions()[*vertex as usize]).collect();
         let middle = middle_of(&samples);
-        Ok(Self { index: SurfaceIndex::of_mesh(&mesh), samples, bounds: bounds_of(&used), middle, capture_scale })
+        Ok(Self { index, samples, bounds: bounds_of(&used), middle, capture_scale, landmarks: Vec::new() })
     }
 }
 

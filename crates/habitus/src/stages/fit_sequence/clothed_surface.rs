@@ -6,7 +6,7 @@
 use glam::DVec3;
 
 use super::body_levels::BodyLevel;
-use super::captured_frame::CapturedFrame;
+use super::captured_frame::{CaptureSample, CapturedFrame};
 use super::config::SurfaceConfig;
 use crate::fitting::correspondence::{ClosestField, Correspondence};
 
@@ -99,15 +99,15 @@ pub(super) fn capture_pairs(
     weight: f64,
     scale: f64,
 ) -> (Vec<Correspondence>, f64) {
-    let samples = frame.samples.iter().step_by(sample_stride.max(1));
-    let sample_count = frame.samples.len().div_ceil(sample_stride.max(1)).max(1);
+    let samples = || frame.samples.iter().step_by(sample_stride.max(1));
+    let weight_sum = samples().map(CaptureSample::weight).sum::<f64>().max(1.0);
     // Each direction weighs the same, however many vertices and samples there are.
-    let share = weight * vertices.len() as f64 / sample_count as f64;
+    let share = weight * vertices.len() as f64 / weight_sum;
     let mut energy = 0.0;
-    let pairs = samples
+    let pairs = samples()
         .filter_map(|sample| {
             let (vertex, squared) = nearest(vertices, normals, sample.position, sample.normal)?;
-            energy += robust_energy(squared, scale);
+            energy += sample.weight() * robust_energy(squared, scale);
             let signed_distance = (vertices[vertex] - sample.position).dot(sample.normal);
             Some(Correspondence {
                 vertex: vertex as u32,
@@ -115,11 +115,22 @@ pub(super) fn capture_pairs(
                 normal: sample.normal,
                 is_outside: signed_distance > 0.0,
                 signed_distance,
-                weight: share * robust_weight(squared, scale),
+                weight: share * sample.weight() * robust_weight(squared, scale),
             })
         })
         .collect();
-    (pairs, energy / sample_count as f64)
+    (pairs, energy / weight_sum)
+}
+
+/// Share of all samples that look like a limb and have no body within `distance`: a limb that has gone astray.
+pub(super) fn uncovered_limb_share(frame: &CapturedFrame, vertices: &[DVec3], distance: f64) -> f64 {
+    let limit = distance * distance;
+    let uncovered = frame
+        .samples
+        .iter()
+        .filter(|sample| sample.is_limb_like)
+        .filter(|sample| !vertices.iter().any(|vertex| vertex.distance_squared(sample.position) < limit));
+    uncovered.count() as f64 / frame.samples.len().max(1) as f64
 }
 
 /// The nearest vertex whose normal does not point away; a few hundred vertices need no tree.

@@ -4,8 +4,8 @@ use glam::DVec3;
 
 use super::body_levels::{BodyLevel, PreparedIdentity};
 use super::captured_frame::CapturedFrame;
-use super::clothed_surface::is_extremity_missing;
 use super::config::{CodeThresholds, SurfaceConfig};
+use super::pose_solver::has_lost_a_limb;
 use super::refine_identity::{outside, signed_distances};
 use crate::artifacts::codes::Code;
 use crate::artifacts::fitted_sequence::Landmark;
@@ -46,15 +46,18 @@ pub(super) fn judge_frame(
         }
     };
     fire(inlier_share < thresholds.inlier_share, Code::TooFewInliers);
-    fire(outside(&distances, 0.02).0 > thresholds.outside_share_20mm, Code::BodyOutsideCapture);
-    let uncovered = uncovered_share(capture, &vertices, thresholds.uncovered_distance);
+    let is_outside = outside_share_5mm > thresholds.outside_share_5mm
+        || outside(&distances, 0.02).0 > thresholds.outside_share_20mm;
+    fire(is_outside, Code::BodyOutsideCapture);
+    let spread: Vec<DVec3> = vertices.iter().step_by(SPREAD_STRIDE).copied().collect();
+    let uncovered = uncovered_share(capture, &spread, thresholds.uncovered_distance);
     fire(uncovered > thresholds.uncovered_share, Code::CaptureNotCovered);
     fire(uncovered > FOREIGN_FACTOR * thresholds.uncovered_share, Code::ForeignObject);
-    let is_missing =
-        is_extremity_missing(body.level, &field, thresholds.missing_distance, thresholds.missing_share);
+    let is_missing = has_lost_a_limb(body.level, &field, capture, &spread, thresholds);
     fire(is_missing, Code::BodyNotCovered);
     fire(is_joint_at_limit(body, pose), Code::JointAtLimit);
-    let landmarks = landmarks(model, body.level, &vertices, &field, &pairs.iter().map(|p| p.vertex).collect::<Vec<_>>());
+    let landmarks =
+        landmarks(model, body.level, &vertices, &field, &pairs.iter().map(|p| p.vertex).collect::<Vec<_>>());
     FrameQuality {
         codes,
         inlier_share,
@@ -65,25 +68,26 @@ pub(super) fn judge_frame(
     }
 }
 
+/// Every eighth vertex is within 4 cm of the others, below the distances that matter for coverage.
+const SPREAD_STRIDE: usize = 8;
 /// Beyond this multiple of the uncovered share, what is uncovered is something of its own.
 const FOREIGN_FACTOR: f64 = 2.0;
 
 fn uncovered_share(capture: &CapturedFrame, vertices: &[DVec3], distance: f64) -> f64 {
-    // Every eighth vertex is within 4 cm of the others, far below the distances that matter here.
-    const STRIDE: usize = 8;
     let limit = distance * distance;
-    let uncovered = capture.samples.iter().filter(|sample| {
-        !vertices.iter().step_by(STRIDE).any(|vertex| vertex.distance_squared(sample.position) < limit)
-    });
+    let uncovered = capture
+        .samples
+        .iter()
+        .filter(|sample| !vertices.iter().any(|vertex| vertex.distance_squared(sample.position) < limit));
     uncovered.count() as f64 / capture.samples.len().max(1) as f64
 }
 
 fn is_joint_at_limit(body: &PreparedIdentity<'_>, pose: &[f64]) -> bool {
     const TOUCH: f64 = 1e-6;
     let axes = body.level.surface.skeleton().axes();
-    axes.iter().zip(&pose[ROOT_LENGTH..]).any(|(axis, angle)| {
-        angle - axis.limits[0] < TOUCH || axis.limits[1] - angle < TOUCH
-    })
+    axes.iter()
+        .zip(&pose[ROOT_LENGTH..])
+        .any(|(axis, angle)| angle - axis.limits[0] < TOUCH || axis.limits[1] - angle < TOUCH)
 }
 
 /// P2 §4.2: landmark vertices of the fitted body. The confidence falls with the distance from the capture and halves

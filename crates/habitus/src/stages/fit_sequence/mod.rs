@@ -30,8 +30,8 @@ pub use self::config::FitSequenceConfig;
 use self::config::Recipe;
 use self::frame_codes::{FrameQuality, is_temporal_jump, judge_frame};
 use self::orientation::{Orientation, move_root};
-use self::pose_solver::{AnglePrior, PoseSolver};
-use self::refine_identity::{refine_pass, spread};
+use self::pose_solver::{GivenLandmark, PosePrior, PoseSolver};
+use self::refine_identity::{Contact, refine_pass, spread};
 use self::track_pose::TrackedFrame;
 use crate::artifacts::codes::Code;
 use crate::artifacts::fitted_sequence::{FittedFrame, FittedSequence, Landmark};
@@ -191,7 +191,17 @@ impl<'a> Stage<'a> {
     fn load(&self, frame: usize, fit_from_input: &FitFromInput) -> Result<CapturedFrame, FitSequenceError> {
         let name = self.source.name(frame);
         let surface = self.source.surface(frame)?;
-        CapturedFrame::prepare(surface, fit_from_input, &self.config.frame, self.config.seed, &name)
+        let mut capture =
+            CapturedFrame::prepare(surface, fit_from_input, &self.config.frame, self.config.seed, &name)?;
+        let names = &self.model.metadata().landmarks;
+        for given in self.user_landmarks.iter().filter(|given| given.frame == name) {
+            if let Some(landmark) = names.iter().position(|name| *name == given.landmark) {
+                let position = fit_from_input.rescaled(capture.capture_scale).apply(given.position);
+                let vertex = self.model.landmark_vertices()[landmark];
+                capture.landmarks.push(GivenLandmark { vertex, position });
+            }
+        }
+        Ok(capture)
     }
 
     /// Solver for tracking and refinement.
@@ -199,7 +209,11 @@ impl<'a> Stage<'a> {
         self.solver_at(&self.medium, identity)
     }
 
-    fn solver_at<'b>(&'b self, fine: &'b BodyLevel, identity: &[f64]) -> Result<PoseSolver<'b>, FitSequenceError> {
+    fn solver_at<'b>(
+        &'b self,
+        fine: &'b BodyLevel,
+        identity: &[f64],
+    ) -> Result<PoseSolver<'b>, FitSequenceError> {
         let (lower, upper) = self.model.skeleton().pose_limits();
         Ok(PoseSolver {
             coarse: PreparedIdentity::new(self.model, &self.coarse, identity),
@@ -212,13 +226,15 @@ impl<'a> Stage<'a> {
     }
 
     /// Angles stay near the mean of their neighbours in time, where cloth is silent.
-    fn smoothness_prior(&self, poses: &[Vec<f64>], frame: usize) -> AnglePrior {
+    fn smoothness_prior(&self, poses: &[Vec<f64>], frame: usize) -> PosePrior {
         let track = &self.config.track;
-        let mut prior =
-            AnglePrior { pulls: vec![(vec![0.0; poses[frame].len()], track.rest_stiffness)] };
+        let mut prior = PosePrior {
+            angles: vec![(vec![0.0; poses[frame].len()], track.rest_stiffness)],
+            landmarks: Vec::new(),
+        };
         if frame > 0 && frame + 1 < poses.len() {
             let mean = poses[frame - 1].iter().zip(&poses[frame + 1]).map(|(a, b)| 0.5 * (a + b)).collect();
-            prior.pulls.push((mean, self.config.refine.smoothness));
+            prior.angles.push((mean, self.config.refine.smoothness));
         }
         prior
     }
@@ -257,14 +273,21 @@ impl<'a> Stage<'a> {
                 &load,
                 &mut poses,
                 &prior,
-                clearance.as_deref(),
-                self.config.refine.contact_scale(pass, passes),
+                &Contact {
+                    earlier_clearance: clearance.as_deref(),
+                    scale: self.config.refine.contact_scale(pass, passes),
+                },
                 &self.config.refine,
             )?;
             track.identity = step.identity;
             track.covariance = step.covariance;
             clearance = Some(step.smallest_clearance);
-            observer.on_event(&Event::Round { name: "refine", index: pass, count: passes, energy: step.energy });
+            observer.on_event(&Event::Round {
+                name: "refine",
+                index: pass,
+                count: passes,
+                energy: step.energy,
+            });
         }
         for frame in frames {
             track.frames[*frame].pose.clone_from(&poses[*frame]);
@@ -283,7 +306,9 @@ impl<'a> Stage<'a> {
         for batch in (0..track.frames.len()).collect::<Vec<_>>().chunks(BATCH) {
             let finished: Vec<_> = batch
                 .par_iter()
-                .map(|frame| self.finish_frame(&solver, &track.frames[*frame], *frame, &tracked, &fit_from_input))
+                .map(|frame| {
+                    self.finish_frame(&solver, &track.frames[*frame], *frame, &tracked, &fit_from_input)
+                })
                 .collect();
             for (frame, finished) in batch.iter().zip(finished) {
                 let (pose, energy, quality) = finished?;
@@ -297,6 +322,9 @@ impl<'a> Stage<'a> {
                 frames.push(fitted);
             }
             progress(observer, "finish", frames.len(), track.frames.len())?;
+        }
+        if frames.iter().all(|frame| !frame.is_ok()) {
+            smallest_clearance.fill(0.0);
         }
         let codes = self.sequence_codes(&track, &frames);
         // Poses leave the fit's own coordinates for metres, y up, in the input's place.
@@ -333,17 +361,26 @@ impl<'a> Stage<'a> {
         let (pose, energy) = if self.config.recipe == Recipe::Paper2016 {
             (tracked.pose.clone(), tracked.energy)
         } else {
-            let prior = self.smoothness_prior(poses, frame);
+            let mut prior = self.smoothness_prior(poses, frame);
+            prior.landmarks.clone_from(&capture.landmarks);
             let rounds = self.config.refine.final_rounds;
             let solution = solver.polish(&capture, tracked.pose.clone(), &prior, rounds)?;
             (solution.pose, solution.energy)
         };
         let surface = &self.config.surface;
-        let quality = judge_frame(self.model, &solver.fine, &capture, &pose, surface, &self.config.codes);
+        let mut thresholds = self.config.codes.clone();
+        if self.config.recipe == Recipe::Paper2016 {
+            // The paper's energies do not promise a body inside; only a grossly wrong one counts as failed.
+            thresholds.outside_share_5mm = 1.0;
+        }
+        let quality = judge_frame(self.model, &solver.fine, &capture, &pose, surface, &thresholds);
         Ok((pose, energy, Some(quality)))
     }
 
-    #[allow(clippy::too_many_arguments, reason = "the parts of one frame's result meet here and nowhere else")]
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "the parts of one frame's result meet here and nowhere else"
+    )]
     fn fitted_frame(
         &self,
         track: &Track,

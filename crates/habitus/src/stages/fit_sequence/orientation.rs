@@ -90,10 +90,7 @@ pub(super) fn candidates(
     config: &FitSequenceConfig,
 ) -> Result<Vec<Orientation>, FitSequenceError> {
     let (probes, usual_size) = probe(source)?;
-    let longest = DVec3::AXES
-        .into_iter()
-        .map(|axis| extents(&probes, axis))
-        .fold(0.0, f64::max);
+    let longest = DVec3::AXES.into_iter().map(|axis| extents(&probes, axis)).fold(0.0, f64::max);
     let (metres_per_unit, unit_is_certain, unit_report) = unit(config.unit, longest);
     let ups: Vec<DVec3> = match config.up {
         UpChoice::X => vec![DVec3::X],
@@ -136,8 +133,12 @@ fn orientation(
         zz += d.z * d.z;
     }
     let yaw = 0.5 * (2.0 * xz).atan2(xx - zz);
-    // Turns the widest horizontal direction onto x.
-    let turn = DMat3::from_rotation_y(yaw);
+    // Turns the widest horizontal direction onto x. Variances know it up to half a turn; the side to which the capture
+    // is skewed decides, so that every heading gives the same numbers.
+    let axis = DVec3::new(yaw.cos(), 0.0, yaw.sin());
+    let skewness: f64 = internal.iter().map(|point| (*point - center).dot(axis).powi(3)).sum();
+    let half_turn = if skewness < 0.0 { std::f64::consts::PI } else { 0.0 };
+    let turn = DMat3::from_rotation_y(yaw + half_turn);
     let rotation = turn * internal_from_input;
     Orientation {
         metres_per_unit,
@@ -184,9 +185,7 @@ fn probe(source: &dyn FrameSource) -> Result<(Vec<Vec<DVec3>>, f64), FitSequence
 
 fn points_of(surface: &Surface) -> Vec<DVec3> {
     match surface {
-        Surface::Mesh(mesh) => {
-            mesh.faces().iter().map(|face| mesh.positions()[face[0] as usize]).collect()
-        }
+        Surface::Mesh(mesh) => mesh.faces().iter().map(|face| mesh.positions()[face[0] as usize]).collect(),
         Surface::Cloud(cloud) => cloud.positions().to_vec(),
     }
 }
@@ -215,8 +214,7 @@ fn unit(choice: UnitChoice, longest: f64) -> (f64, bool, String) {
             for (metres, name) in known {
                 let span = longest * metres;
                 if (0.8..=2.6).contains(&span) {
-                    let report =
-                        format!("unit guessed as {name}: the capture spans {span:.2} m");
+                    let report = format!("unit guessed as {name}: the capture spans {span:.2} m");
                     return (metres, true, report);
                 }
             }

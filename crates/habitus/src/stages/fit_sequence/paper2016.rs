@@ -185,7 +185,12 @@ impl Recipe<'_> {
         Ok(())
     }
 
-    fn pairs(&self, body: &PreparedIdentity<'_>, capture: &CapturedFrame, pose: &[f64]) -> Vec<Correspondence> {
+    fn pairs(
+        &self,
+        body: &PreparedIdentity<'_>,
+        capture: &CapturedFrame,
+        pose: &[f64],
+    ) -> Vec<Correspondence> {
         let (vertices, normals) = body.vertices_and_normals(&body.posed(pose));
         let field = ClosestField::find(&capture.index, &vertices, None);
         field.correspondences(&vertices, &normals, &self.config.compatibility)
@@ -202,7 +207,10 @@ impl Recipe<'_> {
 }
 
 fn scaled(residuals: &[VertexResidual], weight: f64) -> impl Iterator<Item = VertexResidual> + '_ {
-    residuals.iter().map(move |r| VertexResidual { weight: r.weight * weight, ..*r }).filter(|r| r.weight > 0.0)
+    residuals
+        .iter()
+        .map(move |r| VertexResidual { weight: r.weight * weight, ..*r })
+        .filter(|r| r.weight > 0.0)
 }
 
 fn solver_settings(config: &Paper2016Config) -> LbfgsbSettings {

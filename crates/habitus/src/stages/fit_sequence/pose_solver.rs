@@ -4,19 +4,46 @@ use glam::{DQuat, DVec3};
 use habitus_optimize::{Bounds, GaussNewtonSettings, Silent, gauss_newton};
 
 use super::FitSequenceError;
-use super::body_levels::PreparedIdentity;
+use super::body_levels::{BodyLevel, PreparedIdentity};
 use super::captured_frame::CapturedFrame;
-use super::clothed_surface::{capture_pairs, clothed_pairs, is_extremity_missing};
+use super::clothed_surface::{capture_pairs, clothed_pairs, is_extremity_missing, uncovered_limb_share};
 use super::config::{CodeThresholds, SurfaceConfig, TrackConfig};
 use crate::body::{ROOT_LENGTH, Skeleton, rotation_vector};
 use crate::fitting::Fit;
 use crate::fitting::correspondence::ClosestField;
-use crate::fitting::terms::{ClosestPoints, DistanceForm, StayNear};
+use crate::fitting::terms::{ClosestPoints, DistanceForm, LandmarkPull, LandmarkTargets, StayNear};
 
-/// What pulls the angles while the capture is silent: each angle to a value, with a stiffness per vertex.
+/// What pulls the pose besides the capture.
 #[derive(Clone, Debug, Default)]
-pub(super) struct AnglePrior {
-    pub pulls: Vec<(Vec<f64>, f64)>,
+pub(super) struct PosePrior {
+    /// Poses to whose angles the angles are drawn, each with a stiffness per vertex.
+    pub angles: Vec<(Vec<f64>, f64)>,
+    /// Landmarks that the user gives: vertices of the model and where they should be.
+    pub landmarks: Vec<GivenLandmark>,
+}
+
+/// A landmark that the user gives, in the fit's coordinates.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct GivenLandmark {
+    /// Vertex of the model.
+    pub vertex: u32,
+    pub position: DVec3,
+}
+
+/// A given landmark weighs as much as this share of all vertices: more than the cloth around it.
+const LANDMARK_SHARE: f64 = 0.03;
+
+/// Given landmarks as a term over the vertices of a level.
+pub(super) fn landmark_term(level: &BodyLevel, landmarks: &[GivenLandmark]) -> LandmarkTargets {
+    let weight = LANDMARK_SHARE * level.vertices.len() as f64;
+    let pulls: Vec<LandmarkPull> = landmarks
+        .iter()
+        .filter_map(|given| {
+            let slot = level.vertices.binary_search(&given.vertex).ok()?;
+            Some(LandmarkPull { vertex: slot as u32, target: given.position, confidence: weight })
+        })
+        .collect();
+    LandmarkTargets::new(&pulls)
 }
 
 /// A fitted pose and how well it explains the frame.
@@ -26,8 +53,8 @@ pub(super) struct PoseSolution {
     /// Mean one-sided energy per vertex plus the capture's share, in square metres.
     pub energy: f64,
     pub inlier_share: f64,
-    /// Head, a hand or a foot is away from the capture.
-    pub is_extremity_missing: bool,
+    /// Head, a hand or a foot is away from the capture, or a limb of the capture has no body in it.
+    pub has_lost_a_limb: bool,
 }
 
 /// Capture samples that are compared with the coarse vertices in one round.
@@ -69,7 +96,7 @@ impl PoseSolver<'_> {
         &self,
         frame: &CapturedFrame,
         start: &[f64],
-        prior: &AnglePrior,
+        prior: &PosePrior,
     ) -> Result<PoseSolution, FitSequenceError> {
         let mut pose = start.to_vec();
         self.rounds(&self.coarse, frame, &mut pose, prior, self.track.coarse_rounds)?;
@@ -81,7 +108,7 @@ impl PoseSolver<'_> {
         &self,
         frame: &CapturedFrame,
         mut pose: Vec<f64>,
-        prior: &AnglePrior,
+        prior: &PosePrior,
         rounds: usize,
     ) -> Result<(Vec<f64>, Option<ClosestField>), FitSequenceError> {
         let field = self.rounds(&self.fine, frame, &mut pose, prior, rounds)?;
@@ -94,7 +121,7 @@ impl PoseSolver<'_> {
         &self,
         frame: &CapturedFrame,
         pose: Vec<f64>,
-        prior: &AnglePrior,
+        prior: &PosePrior,
         rounds: usize,
     ) -> Result<PoseSolution, FitSequenceError> {
         let (pose, field) = self.polish_pose(frame, pose, prior, rounds)?;
@@ -111,8 +138,6 @@ impl PoseSolver<'_> {
     ) -> PoseSolution {
         let (vertices, normals) = body.vertices_and_normals(&body.posed(&pose));
         let field = ClosestField::find(&frame.index, &vertices, earlier);
-        let is_extremity_missing =
-            is_extremity_missing(body.level, &field, self.codes.missing_distance, self.codes.missing_share);
         let clothed = clothed_pairs(body.level, &field, &vertices, &normals, self.surface);
         // The coarse body is enough to see what of the capture is unexplained.
         let (vertices, normals) = self.coarse.vertices_and_normals(&self.coarse.posed(&pose));
@@ -120,7 +145,8 @@ impl PoseSolver<'_> {
         let (_, uncovered) =
             capture_pairs(frame, stride, &vertices, &normals, 1.0, self.track.capture_scale[1]);
         let energy = clothed.energy + self.track.capture_weight * uncovered;
-        PoseSolution { pose, energy, inlier_share: clothed.inlier_share, is_extremity_missing }
+        let has_lost_a_limb = has_lost_a_limb(body.level, &field, frame, &vertices, self.codes);
+        PoseSolution { pose, energy, inlier_share: clothed.inlier_share, has_lost_a_limb }
     }
 
     fn rounds(
@@ -128,7 +154,7 @@ impl PoseSolver<'_> {
         body: &PreparedIdentity<'_>,
         frame: &CapturedFrame,
         pose: &mut [f64],
-        prior: &AnglePrior,
+        prior: &PosePrior,
         rounds: usize,
     ) -> Result<Option<ClosestField>, FitSequenceError> {
         let settings = GaussNewtonSettings {
@@ -150,21 +176,34 @@ impl PoseSolver<'_> {
             let closest = ClosestPoints::new(&pairs, DistanceForm::Plane);
             let count = vertices.len() as f64;
             let pulls: Vec<StayNear> = prior
-                .pulls
+                .angles
                 .iter()
                 .map(|(target, stiffness)| {
                     let angles = &target[ROOT_LENGTH..];
                     StayNear::new(ROOT_LENGTH, angles, &vec![stiffness * count; angles.len()])
                 })
                 .collect();
-            let fit = pulls.iter().fold(Fit::new(&body.deformer).with(1.0, &closest), |fit, pull| {
-                fit.with(1.0, pull)
-            });
+            let landmarks = landmark_term(body.level, &prior.landmarks);
+            let start = Fit::new(&body.deformer).with(1.0, &closest).with(1.0, &landmarks);
+            let fit = pulls.iter().fold(start, |fit, pull| fit.with(1.0, pull));
             gauss_newton(&fit, pose, &self.bounds, &settings, &mut Silent)?;
             field = Some(found);
         }
         Ok(field)
     }
+}
+
+/// Whether a part of the body is away from the capture or a limb of the capture from the body; `spread_vertices` cover
+/// the body evenly.
+pub(super) fn has_lost_a_limb(
+    level: &BodyLevel,
+    field: &ClosestField,
+    frame: &CapturedFrame,
+    spread_vertices: &[DVec3],
+    codes: &CodeThresholds,
+) -> bool {
+    is_extremity_missing(level, field, codes.missing_distance, codes.missing_share)
+        || uncovered_limb_share(frame, spread_vertices, codes.limb_distance) > codes.uncovered_limb_share
 }
 
 /// Keeps the root's rotation vector shorter than π, away from its singularity at 2π.

@@ -12,11 +12,11 @@ use super::FitSequenceError;
 use super::captured_frame::CapturedFrame;
 use super::clothed_surface::weigh_one_sided;
 use super::config::RefineConfig;
-use super::pose_solver::{AnglePrior, PoseSolver};
+use super::pose_solver::{PosePrior, PoseSolver};
 use crate::body::{IdentityCoefficients, ROOT_LENGTH};
 use crate::fitting::correspondence::{ClosestField, Correspondence};
-use crate::fitting::terms::{ClosestPoints, DistanceForm};
 use crate::fitting::deformers::body_assembly::{BodyAssembly, Gather, ShapeMoments};
+use crate::fitting::terms::{ClosestPoints, DistanceForm};
 
 /// Frames whose equations are in memory together; fixed, so that sums do not depend on the thread count.
 const BATCH: usize = 8;
@@ -33,11 +33,11 @@ struct FrameShare {
 }
 
 /// How covered vertices are drawn to the cloth in a pass.
-struct Contact<'a> {
+pub(super) struct Contact<'a> {
     /// Smallest clearance of each vertex in the pass before, in metres.
-    earlier_clearance: Option<&'a [f64]>,
+    pub earlier_clearance: Option<&'a [f64]>,
     /// Geman–McClure scale of the attraction, in metres.
-    scale: f64,
+    pub scale: f64,
 }
 
 /// The identity after a pass, with the curvature of the energy there.
@@ -59,9 +59,8 @@ pub(super) fn refine_pass(
     frames: &[usize],
     load: &(dyn Fn(usize) -> Option<CapturedFrame> + Sync),
     poses: &mut [Vec<f64>],
-    prior: &(dyn Fn(usize) -> AnglePrior + Sync),
-    earlier_clearance: Option<&[f64]>,
-    contact_scale: f64,
+    prior: &(dyn Fn(usize) -> PosePrior + Sync),
+    contact: &Contact<'_>,
     config: &RefineConfig,
 ) -> Result<IdentityStep, FitSequenceError> {
     let body = &solver.fine;
@@ -79,8 +78,7 @@ pub(super) fn refine_pass(
                 None => Ok(None),
                 Some(capture) => {
                     let start = poses[*frame].clone();
-                    let contact = Contact { earlier_clearance, scale: contact_scale };
-                    frame_share(solver, &capture, start, &prior(*frame), &contact, config).map(Some)
+                    frame_share(solver, &capture, start, &prior(*frame), contact, config).map(Some)
                 }
             })
             .collect();
@@ -130,9 +128,8 @@ fn identity_step(
     let upper: Vec<f64> = identity.iter().map(|z| limit - z).collect();
     let step = minimize_box_quadratic(&symmetric, &gradient, &lower, &upper)?;
     let next = identity.iter().zip(step.step.iter()).map(|(z, d)| (z + d).clamp(-limit, limit)).collect();
-    let covariance = symmetric
-        .cholesky()
-        .map_or_else(|| DMatrix::identity(width, width), |factor| factor.inverse());
+    let covariance =
+        symmetric.cholesky().map_or_else(|| DMatrix::identity(width, width), |factor| factor.inverse());
     Ok((next, covariance))
 }
 
@@ -140,7 +137,7 @@ fn frame_share(
     solver: &PoseSolver<'_>,
     capture: &CapturedFrame,
     start: Vec<f64>,
-    prior: &AnglePrior,
+    prior: &PosePrior,
     contact: &Contact<'_>,
     config: &RefineConfig,
 ) -> Result<FrameShare, FitSequenceError> {
@@ -164,7 +161,7 @@ fn frame_share(
     assembly.add(surface, &posed, &body.rest, &vertices, closest.residuals());
     let mut equations = assembly.equations(surface, &posed);
     let count = vertices.len() as f64;
-    for (target, stiffness) in &prior.pulls {
+    for (target, stiffness) in &prior.angles {
         for k in ROOT_LENGTH..pose.len() {
             equations.pose_matrix[(k, k)] += stiffness * count;
             equations.pose_gradient[k] += stiffness * count * (pose[k] - target[k]);
@@ -196,7 +193,8 @@ fn frame_share(
 /// about as close as it ever does, and, through the robust kernel, only if that is close.
 fn contact_weight(pair: &Correspondence, contact: &Contact<'_>, config: &RefineConfig) -> f64 {
     let depth = (-pair.signed_distance).max(0.0);
-    let smallest = contact.earlier_clearance.map_or(depth, |clearance| clearance[pair.vertex as usize].max(0.0));
+    let smallest =
+        contact.earlier_clearance.map_or(depth, |clearance| clearance[pair.vertex as usize].max(0.0));
     let above = (depth - smallest).max(0.0) / config.clearance_tolerance;
     config.contact_weight * (-above * above).exp()
 }

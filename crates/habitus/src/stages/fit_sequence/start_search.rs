@@ -11,7 +11,7 @@ use super::body_levels::{BodyLevel, turned_normals};
 use super::captured_frame::CapturedFrame;
 use super::clothed_surface::{robust_energy, robust_weight};
 use super::config::StartConfig;
-use super::pose_solver::normalise_root;
+use super::pose_solver::{landmark_term, normalise_root};
 use crate::body::{BodyModel, ROOT_LENGTH, Skeleton};
 use crate::fitting::correspondence::{ClosestField, Correspondence};
 use crate::fitting::deformers::{BodyParameters, FreeParameters};
@@ -147,17 +147,20 @@ impl<'a> StartSearch<'a> {
         lower.extend(limits.0);
         upper.extend(limits.1);
         let Ok(bounds) = Bounds::new(lower, upper) else { return start };
-        let settings =
-            GaussNewtonSettings { max_iterations: 1, initial_damping: 1e-2, ..Default::default() };
+        let settings = GaussNewtonSettings { max_iterations: 1, initial_damping: 1e-2, ..Default::default() };
         let count = surface.vertex_count() as f64;
-        let identity_prior =
-            StayNear::new(0, &vec![0.0; identity_count], &vec![self.config.identity_stiffness * count; identity_count]);
+        let identity_prior = StayNear::new(
+            0,
+            &vec![0.0; identity_count],
+            &vec![self.config.identity_stiffness * count; identity_count],
+        );
         let angles = start.pose[ROOT_LENGTH..].to_vec();
         let pose_prior = StayNear::new(
             identity_count + ROOT_LENGTH,
             &angles,
             &vec![self.config.pose_stiffness * count; angles.len()],
         );
+        let landmarks = landmark_term(&self.level, &frame.landmarks);
         let mut parameters = start.identity[..identity_count].to_vec();
         parameters.extend(&start.pose);
         let [first_scale, last_scale] = self.config.robust_scale;
@@ -170,6 +173,7 @@ impl<'a> StartSearch<'a> {
             let fit = Fit::new(&deformer)
                 .with(1.0 - TANGENTIAL_WEIGHT, &planes)
                 .with(TANGENTIAL_WEIGHT, &points)
+                .with(1.0, &landmarks)
                 .with(1.0, &identity_prior)
                 .with(1.0, &pose_prior);
             if gauss_newton(&fit, &mut parameters, &bounds, &settings, &mut Silent).is_err() {
@@ -226,7 +230,7 @@ impl<'a> StartSearch<'a> {
     }
 
     /// Mean robust energy of both directions at the last scale, normals included: a pair whose normals disagree
-    /// counts as not explained. All starts are compared by this one number.
+    /// counts as not explained; landmarks that the user gives count in full. All starts are compared by this one number.
     pub fn energy(&self, frame: &CapturedFrame, start: &Start) -> f64 {
         let scale = self.config.robust_scale[1];
         let surface = &self.level.surface;
@@ -242,9 +246,16 @@ impl<'a> StartSearch<'a> {
             sum += weight * (robust_energy(point.distance_squared, scale) + unexplained);
             weight_sum += weight;
         }
-        let (_, uncovered) =
-            super::clothed_surface::capture_pairs(frame, 1, &vertices, &normals, 1.0, scale);
-        sum / weight_sum + uncovered
+        let (_, uncovered) = super::clothed_surface::capture_pairs(frame, 1, &vertices, &normals, 1.0, scale);
+        let missed: f64 = frame
+            .landmarks
+            .iter()
+            .filter_map(|given| {
+                let slot = self.level.vertices.binary_search(&given.vertex).ok()?;
+                Some(vertices[slot].distance_squared(given.position))
+            })
+            .sum();
+        sum / weight_sum + uncovered + missed / frame.landmarks.len().max(1) as f64
     }
 
     /// Tries the limbs of the other starts and of the clusters on this start, limb by limb, and keeps what explains the
@@ -364,14 +375,7 @@ fn mirrored_bone(skeleton: &Skeleton, bone: usize) -> usize {
 }
 
 /// Turns a bone by its own axes, within their limits, until its end points along `direction` (posed space).
-fn aim(
-    skeleton: &Skeleton,
-    joints: &[DVec3],
-    pose: &mut [f64],
-    bone: usize,
-    child: usize,
-    direction: DVec3,
-) {
+fn aim(skeleton: &Skeleton, joints: &[DVec3], pose: &mut [f64], bone: usize, child: usize, direction: DVec3) {
     const SWEEPS: usize = 3;
     const STEPS: usize = 48;
     let wanted = direction.normalize_or_zero();
@@ -428,11 +432,20 @@ const CLUSTERS: [LimbDirections; 14] = [
     LimbDirections { left: [UP, UP, LEG, LEG], right: [UP, UP, LEG, LEG] },
     LimbDirections { left: [DOWN, FRONT, LEG, LEG], right: [DOWN, FRONT, LEG, LEG] },
     LimbDirections { left: [SLANT, INWARD, LEG_WIDE, LEG], right: [SLANT, INWARD, LEG_WIDE, LEG] },
-    LimbDirections { left: [BACK_DOWN, DOWN, LEG_FRONT, LEG], right: [FRONT_DOWN, FRONT_DOWN, LEG_BACK, LEG_BACK] },
-    LimbDirections { left: [FRONT_DOWN, FRONT_DOWN, LEG_BACK, LEG_BACK], right: [BACK_DOWN, DOWN, LEG_FRONT, LEG] },
+    LimbDirections {
+        left: [BACK_DOWN, DOWN, LEG_FRONT, LEG],
+        right: [FRONT_DOWN, FRONT_DOWN, LEG_BACK, LEG_BACK],
+    },
+    LimbDirections {
+        left: [FRONT_DOWN, FRONT_DOWN, LEG_BACK, LEG_BACK],
+        right: [BACK_DOWN, DOWN, LEG_FRONT, LEG],
+    },
     LimbDirections { left: [DOWN, DOWN, KNEE_UP, LEG], right: [DOWN, DOWN, LEG, LEG] },
     LimbDirections { left: [DOWN, DOWN, LEG, LEG], right: [DOWN, DOWN, KNEE_UP, LEG] },
-    LimbDirections { left: [FRONT_DOWN, FRONT, KNEE_UP, LEG_BACK], right: [FRONT_DOWN, FRONT, KNEE_UP, LEG_BACK] },
+    LimbDirections {
+        left: [FRONT_DOWN, FRONT, KNEE_UP, LEG_BACK],
+        right: [FRONT_DOWN, FRONT, KNEE_UP, LEG_BACK],
+    },
     LimbDirections { left: [UP, UP, LEG, LEG], right: [DOWN, DOWN, LEG, LEG] },
     LimbDirections { left: [DOWN, DOWN, LEG, LEG], right: [UP, UP, LEG, LEG] },
 ];

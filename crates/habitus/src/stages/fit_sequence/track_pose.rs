@@ -9,7 +9,8 @@ use serde::{Deserialize, Serialize};
 
 use super::captured_frame::CapturedFrame;
 use super::orientation::{Orientation, candidates};
-use super::pose_solver::{AnglePrior, PoseSolution, PoseSolver};
+use super::pose_solver::{PosePrior, PoseSolution, PoseSolver};
+use super::refine_identity::Contact;
 use super::start_search::{Start, StartSearch};
 use super::{FitSequenceError, Stage, Track, progress};
 use crate::artifacts::journal::Journal;
@@ -52,7 +53,13 @@ impl TrackedFrame {
 /// What the journal holds: first the start, then the frames.
 #[derive(Serialize, Deserialize)]
 enum Entry {
-    Started { orientation: Box<Orientation>, identity: Vec<f64>, first_frame: usize, pose: Vec<f64>, rival_ratio: f64 },
+    Started {
+        orientation: Box<Orientation>,
+        identity: Vec<f64>,
+        first_frame: usize,
+        pose: Vec<f64>,
+        rival_ratio: f64,
+    },
     Tracked(TrackedFrame),
 }
 
@@ -123,7 +130,9 @@ impl Stage<'_> {
         let mut rivals: Vec<(Orientation, Start)> = Vec::new();
         for (orientation, start) in best {
             let is_close = start.energy <= self.config.start.rival_ratio * smallest;
-            if is_close && rivals.iter().all(|(_, other)| search.joint_distance(other, &start) > RIVAL_DISTANCE) {
+            if is_close
+                && rivals.iter().all(|(_, other)| search.joint_distance(other, &start) > RIVAL_DISTANCE)
+            {
                 rivals.push((orientation, start));
             }
         }
@@ -151,7 +160,13 @@ impl Stage<'_> {
         };
         self.initial_identity(&mut track, first_frame, &start.pose)?;
         let pose = track.frames[0].pose.clone();
-        Ok(Started { orientation: track.orientation, identity: track.identity, first_frame, pose, rival_ratio })
+        Ok(Started {
+            orientation: track.orientation,
+            identity: track.identity,
+            first_frame,
+            pose,
+            rival_ratio,
+        })
     }
 
     /// Searches the first frame that can be used, in every orientation that is possible.
@@ -162,8 +177,10 @@ impl Stage<'_> {
         let orientations = candidates(self.source, self.config)?;
         let mut first_error = None;
         for frame in 0..self.source.len() {
-            let captures: Result<Vec<CapturedFrame>, FitSequenceError> =
-                orientations.iter().map(|orientation| self.load(frame, &orientation.fit_from_input)).collect();
+            let captures: Result<Vec<CapturedFrame>, FitSequenceError> = orientations
+                .iter()
+                .map(|orientation| self.load(frame, &orientation.fit_from_input))
+                .collect();
             match captures {
                 Ok(captures) => {
                     let starts = search.search(&captures, None, &[]);
@@ -244,8 +261,10 @@ impl Stage<'_> {
                 &load,
                 &mut poses,
                 &prior,
-                clearance.as_deref(),
-                config.contact_scale(pass, config.initial_passes),
+                &Contact {
+                    earlier_clearance: clearance.as_deref(),
+                    scale: config.contact_scale(pass, config.initial_passes),
+                },
                 config,
             )?;
             track.identity = step.identity;
@@ -268,11 +287,12 @@ impl Stage<'_> {
         recent.follow(capture);
         let before = recent.poses.len().checked_sub(2).map(|k| &recent.poses[k][..]);
         let predicted = PoseSolver::predict(self.model.skeleton(), recent.last(), before, config.velocity);
-        let prior = AnglePrior {
-            pulls: vec![
+        let prior = PosePrior {
+            angles: vec![
                 (predicted.clone(), config.prediction_stiffness),
                 (vec![0.0; predicted.len()], config.rest_stiffness),
             ],
+            landmarks: capture.landmarks.clone(),
         };
         solver.solve(capture, &predicted, &prior)
     }
@@ -347,7 +367,7 @@ impl Stage<'_> {
 
     fn is_suspicious(&self, solution: &PoseSolution, usual: Option<f64>) -> bool {
         solution.inlier_share < self.config.codes.inlier_share
-            || solution.is_extremity_missing
+            || solution.has_lost_a_limb
             || usual.is_some_and(|usual| solution.energy > SUSPICIOUS_RATIO * usual)
     }
 
@@ -362,11 +382,17 @@ impl Stage<'_> {
     ) -> Result<PoseSolution, FitSequenceError> {
         let hints = vec![current.pose.clone(), last.to_vec()];
         let mut best = current;
-        for start in search.search(std::slice::from_ref(capture), Some(&solver.fine.identity), &hints).into_iter().take(3) {
-            let prior =
-                AnglePrior { pulls: vec![(vec![0.0; start.pose.len()], self.config.track.rest_stiffness)] };
+        for start in search
+            .search(std::slice::from_ref(capture), Some(&solver.fine.identity), &hints)
+            .into_iter()
+            .take(3)
+        {
+            let prior = PosePrior {
+                angles: vec![(vec![0.0; start.pose.len()], self.config.track.rest_stiffness)],
+                landmarks: capture.landmarks.clone(),
+            };
             let solution = solver.solve(capture, &start.pose, &prior)?;
-            let is_better = match (best.is_extremity_missing, solution.is_extremity_missing) {
+            let is_better = match (best.has_lost_a_limb, solution.has_lost_a_limb) {
                 (true, false) => true,
                 (false, true) => false,
                 _ => solution.energy < best.energy,
