@@ -12,18 +12,18 @@ pub(super) struct BodyLevel {
     pub vertices: Vec<u32>,
     /// The same vertices as a surface of their own.
     pub surface: BodySurface,
-    /// Whether a vertex belongs to head, hands or feet.
-    pub is_bare: Vec<bool>,
+    /// The clothing part of each vertex.
+    pub parts: Vec<PartLabel>,
     /// Vertices of the head, of each hand and of each foot.
     pub extremities: Vec<Vec<u32>>,
 }
 
 impl BodyLevel {
     fn new(model: &BodyModel, vertices: Vec<u32>, components: usize) -> Self {
-        let is_bare = vertices.iter().map(|v| model.part_labels()[*v as usize].is_bare()).collect();
+        let parts = vertices.iter().map(|v| model.part_labels()[*v as usize]).collect();
         let surface = model.surface().truncated(components).subset(&vertices);
         let extremities = extremities(model, &vertices);
-        Self { vertices, surface, is_bare, extremities }
+        Self { vertices, surface, parts, extremities }
     }
 
     /// All vertices.

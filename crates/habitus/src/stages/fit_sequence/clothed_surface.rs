@@ -8,6 +8,7 @@ use glam::DVec3;
 use super::body_levels::BodyLevel;
 use super::captured_frame::{CaptureSample, CapturedFrame};
 use super::config::SurfaceConfig;
+use crate::body::PartLabel;
 use crate::fitting::correspondence::{ClosestField, Correspondence};
 
 /// Geman–McClure: ρ(d) = s² d² / (s² + d²); its weight in iteratively reweighted least squares.
@@ -25,15 +26,16 @@ pub(super) fn robust_energy(distance_squared: f64, scale: f64) -> f64 {
 /// that the noise of the capture does not push the body in. Returns the pair's robust energy in square metres.
 pub(super) fn weigh_one_sided(
     pair: &mut Correspondence,
-    is_bare: bool,
+    part: PartLabel,
     inside: (f64, f64),
     config: &SurfaceConfig,
 ) -> f64 {
     let beyond = pair.signed_distance - config.outside_tolerance;
     let (distance, weight, scale) = if beyond > 0.0 {
         pair.target += pair.normal * config.outside_tolerance;
-        (beyond, config.outside_weight, config.outside_scale)
-    } else if is_bare {
+        let weight = if part == PartLabel::Hand { config.hand_outside_weight } else { config.outside_weight };
+        (beyond, weight, config.outside_scale)
+    } else if part.is_bare() {
         (pair.signed_distance, config.bare_weight, config.bare_scale)
     } else {
         (pair.signed_distance, inside.0, inside.1)
@@ -64,7 +66,7 @@ pub(super) fn clothed_pairs(
     let inside = (config.inside_weight, config.inside_scale);
     let mut energy = 0.0;
     for pair in &mut pairs {
-        energy += weigh_one_sided(pair, level.is_bare[pair.vertex as usize], inside, config);
+        energy += weigh_one_sided(pair, level.parts[pair.vertex as usize], inside, config);
     }
     let paired = pairs.len() as f64;
     let count = vertices.len().max(1) as f64;

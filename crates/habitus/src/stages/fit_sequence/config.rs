@@ -180,6 +180,9 @@ pub struct SurfaceConfig {
     pub compatibility: CompatibilityRules,
     /// Weight of a vertex outside the capture.
     pub outside_weight: f64,
+    /// The same for hands: they are captured as fists or mittens, which spread fingers must not leave; nothing else is
+    /// made thin by it.
+    pub hand_outside_weight: f64,
     /// How far outside a vertex may lie before it counts as outside: the capture's own noise.
     pub outside_tolerance: f64,
     /// Weight of a vertex inside, before the robust kernel.
@@ -198,7 +201,8 @@ impl Default for SurfaceConfig {
     fn default() -> Self {
         Self {
             compatibility: CompatibilityRules::default(),
-            outside_weight: 15.0,
+            outside_weight: 8.0,
+            hand_outside_weight: 60.0,
             outside_tolerance: 0.002,
             inside_weight: 0.1,
             inside_scale: 0.03,
@@ -291,7 +295,12 @@ pub struct RefineConfig {
     /// Geman–McClure scale of that attraction in the first and in the last pass. A body that starts too thin must
     /// still feel the cloth around it, or it stays thin.
     pub contact_scale: [f64; 2],
-    /// Pose rounds of the final pass over all frames.
+    /// Weight of a vertex outside the capture in the final pass: with the identity settled, the pose alone can bring it
+    /// in, and no longer makes the body thin.
+    pub final_outside_weight: f64,
+    /// Outside tolerance of the final pass.
+    pub final_outside_tolerance: f64,
+    /// Pose rounds of the final pass over all frames, before one more on all vertices.
     pub final_rounds: usize,
 }
 
@@ -308,15 +317,17 @@ impl Default for RefineConfig {
             initial_frames: 25,
             initial_passes: 4,
             vertex_count: 2400,
-            frame_limit: 60,
+            frame_limit: 48,
             passes: 4,
             pose_rounds: 2,
             residual_deviation: 0.006,
             independent_residuals: 1000.0,
             smoothness: 2e-5,
             clearance_tolerance: 0.008,
-            contact_weight: 0.2,
+            contact_weight: 0.4,
             contact_scale: [0.08, 0.02],
+            final_outside_weight: 30.0,
+            final_outside_tolerance: 0.001,
             final_rounds: 2,
         }
     }

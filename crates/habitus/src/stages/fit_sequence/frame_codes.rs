@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::body_levels::{BodyLevel, PreparedIdentity};
 use super::captured_frame::CapturedFrame;
+use super::clothed_surface::{ClothedPairs, clothed_pairs};
 use super::config::{CodeThresholds, SurfaceConfig};
 use super::pose_solver::has_lost_a_limb;
 use super::refine_identity::{outside, signed_distances};
@@ -16,6 +17,8 @@ use crate::fitting::correspondence::ClosestField;
 pub(super) struct FrameQuality {
     pub codes: Vec<Code>,
     pub inlier_share: f64,
+    /// Mean robust energy per vertex in square metres.
+    pub energy: f64,
     pub outside_share_5mm: f64,
     pub outside_mean: f64,
     pub landmarks: Vec<Landmark>,
@@ -23,21 +26,22 @@ pub(super) struct FrameQuality {
     pub clearance: Vec<f64>,
 }
 
-/// Compares a posed body with its capture. `body` is at full resolution.
+/// Compares a posed body with its capture. `body` is at full resolution; the pose comes with the closest points of a pose
+/// near it, if there are any.
 pub(super) fn judge_frame(
     model: &BodyModel,
     body: &PreparedIdentity<'_>,
     capture: &CapturedFrame,
-    pose: &[f64],
+    (pose, field_nearby): (&[f64], Option<&ClosestField>),
     surface: &SurfaceConfig,
     thresholds: &CodeThresholds,
 ) -> FrameQuality {
     let posed = body.posed(pose);
     let (vertices, normals) = body.vertices_and_normals(&posed);
-    let field = ClosestField::find(&capture.index, &vertices, None);
+    let field = ClosestField::find(&capture.index, &vertices, field_nearby);
     let distances = signed_distances(&field, &vertices);
-    let pairs = field.correspondences(&vertices, &normals, &surface.compatibility);
-    let inlier_share = pairs.len() as f64 / vertices.len().max(1) as f64;
+    let ClothedPairs { pairs, energy, inlier_share } =
+        clothed_pairs(body.level, &field, &vertices, &normals, surface);
     let (outside_share_5mm, outside_mean) = outside(&distances, 0.005);
     let mut codes = Vec::new();
     let mut fire = |condition: bool, code: Code| {
@@ -61,6 +65,7 @@ pub(super) fn judge_frame(
     FrameQuality {
         codes,
         inlier_share,
+        energy,
         outside_share_5mm,
         outside_mean,
         landmarks,

@@ -27,7 +27,7 @@ use thiserror::Error;
 use self::body_levels::{BodyLevel, PreparedIdentity};
 use self::captured_frame::{CapturedFrame, FitFromInput};
 pub use self::config::FitSequenceConfig;
-use self::config::Recipe;
+use self::config::{Recipe, SurfaceConfig};
 use self::frame_codes::{FrameQuality, is_temporal_jump, judge_frame};
 use self::orientation::{Orientation, move_root};
 use self::pose_solver::{GivenLandmark, PosePrior, PoseSolver};
@@ -146,6 +146,8 @@ struct Stage<'a> {
     component_count: usize,
     /// Few vertices, for the first rounds of tracking.
     coarse: BodyLevel,
+    /// The surface energy of the final pass.
+    final_surface: SurfaceConfig,
     /// Enough vertices to see the identity.
     medium: BodyLevel,
     full: BodyLevel,
@@ -182,6 +184,15 @@ impl<'a> Stage<'a> {
             config,
             user_landmarks,
             component_count,
+            final_surface: SurfaceConfig {
+                outside_weight: config.refine.final_outside_weight,
+                hand_outside_weight: config
+                    .surface
+                    .hand_outside_weight
+                    .max(config.refine.final_outside_weight),
+                outside_tolerance: config.refine.final_outside_tolerance,
+                ..config.surface.clone()
+            },
             coarse: BodyLevel::spread(model, config.track.coarse_vertex_count, component_count),
             medium: BodyLevel::spread(model, config.refine.vertex_count, component_count),
             full: BodyLevel::full(model, component_count),
@@ -206,19 +217,20 @@ impl<'a> Stage<'a> {
 
     /// Solver for tracking and refinement.
     fn solver(&self, identity: &[f64]) -> Result<PoseSolver<'_>, FitSequenceError> {
-        self.solver_at(&self.medium, identity)
+        self.solver_at(&self.medium, &self.config.surface, identity)
     }
 
     fn solver_at<'b>(
         &'b self,
         fine: &'b BodyLevel,
+        surface: &'b SurfaceConfig,
         identity: &[f64],
     ) -> Result<PoseSolver<'b>, FitSequenceError> {
         let (lower, upper) = self.model.skeleton().pose_limits();
         Ok(PoseSolver {
             coarse: PreparedIdentity::new(self.model, &self.coarse, identity),
             fine: PreparedIdentity::new(self.model, fine, identity),
-            surface: &self.config.surface,
+            surface,
             track: &self.config.track,
             codes: &self.config.codes,
             bounds: habitus_optimize::Bounds::new(lower, upper)?,
@@ -297,7 +309,8 @@ impl<'a> Stage<'a> {
 
     /// Last pose rounds with the final identity, codes, and the way back to the input's frame.
     fn finish(&self, track: Track, observer: &mut dyn Observer) -> Result<FittedSequence, FitSequenceError> {
-        let solver = self.solver_at(&self.full, &track.identity)?;
+        let solver = self.solver_at(&self.full, &self.final_surface, &track.identity)?;
+        let medium = self.solver_at(&self.medium, &self.final_surface, &track.identity)?;
         let fit_from_input = track.orientation.fit_from_input;
         let tracked: Vec<Vec<f64>> = track.frames.iter().map(|frame| frame.pose.clone()).collect();
         let mut smallest_clearance = vec![f64::INFINITY; self.full.vertices.len()];
@@ -307,13 +320,19 @@ impl<'a> Stage<'a> {
             let finished: Vec<_> = batch
                 .par_iter()
                 .map(|frame| {
-                    self.finish_frame(&solver, &track.frames[*frame], *frame, &tracked, &fit_from_input)
+                    self.finish_frame(
+                        [&medium, &solver],
+                        &track.frames[*frame],
+                        *frame,
+                        &tracked,
+                        &fit_from_input,
+                    )
                 })
                 .collect();
             for (frame, finished) in batch.iter().zip(finished) {
-                let (pose, energy, quality) = finished?;
+                let (pose, quality) = finished?;
                 let (fitted, clearance) =
-                    self.fitted_frame(&track, &solver, *frame, pose, energy, quality, frames.last());
+                    self.fitted_frame(&track, &solver, *frame, pose, quality, frames.last());
                 if fitted.is_ok() {
                     for (smallest, clearance) in smallest_clearance.iter_mut().zip(&clearance) {
                         *smallest = smallest.min(*clearance);
@@ -346,48 +365,43 @@ impl<'a> Stage<'a> {
         })
     }
 
+    /// Pose rounds at medium resolution, one at full, and the verdict on the frame.
     fn finish_frame(
         &self,
-        solver: &PoseSolver<'_>,
+        [medium, full]: [&PoseSolver<'_>; 2],
         tracked: &TrackedFrame,
         frame: usize,
         poses: &[Vec<f64>],
         fit_from_input: &FitFromInput,
-    ) -> Result<(Vec<f64>, f64, Option<FrameQuality>), FitSequenceError> {
+    ) -> Result<(Vec<f64>, Option<FrameQuality>), FitSequenceError> {
         let capture = match self.load(frame, fit_from_input) {
             Ok(capture) if tracked.error.is_none() => capture,
-            _ => return Ok((tracked.pose.clone(), f64::NAN, None)),
+            _ => return Ok((tracked.pose.clone(), None)),
         };
-        let (pose, energy) = if self.config.recipe == Recipe::Paper2016 {
-            (tracked.pose.clone(), tracked.energy)
+        let mut thresholds = self.config.codes.clone();
+        let (pose, field) = if self.config.recipe == Recipe::Paper2016 {
+            // The paper's energies do not promise a body inside; only a grossly wrong one counts as failed.
+            thresholds.outside_share_5mm = 1.0;
+            (tracked.pose.clone(), None)
         } else {
             let mut prior = self.smoothness_prior(poses, frame);
             prior.landmarks.clone_from(&capture.landmarks);
             let rounds = self.config.refine.final_rounds;
-            let solution = solver.polish(&capture, tracked.pose.clone(), &prior, rounds)?;
-            (solution.pose, solution.energy)
+            let (pose, _) = medium.polish_pose(&capture, tracked.pose.clone(), &prior, rounds)?;
+            full.polish_pose(&capture, pose, &prior, 1)?
         };
         let surface = &self.config.surface;
-        let mut thresholds = self.config.codes.clone();
-        if self.config.recipe == Recipe::Paper2016 {
-            // The paper's energies do not promise a body inside; only a grossly wrong one counts as failed.
-            thresholds.outside_share_5mm = 1.0;
-        }
-        let quality = judge_frame(self.model, &solver.fine, &capture, &pose, surface, &thresholds);
-        Ok((pose, energy, Some(quality)))
+        let quality =
+            judge_frame(self.model, &full.fine, &capture, (&pose, field.as_ref()), surface, &thresholds);
+        Ok((pose, Some(quality)))
     }
 
-    #[allow(
-        clippy::too_many_arguments,
-        reason = "the parts of one frame's result meet here and nowhere else"
-    )]
     fn fitted_frame(
         &self,
         track: &Track,
         solver: &PoseSolver<'_>,
         frame: usize,
         pose: Vec<f64>,
-        energy: f64,
         quality: Option<FrameQuality>,
         before: Option<&FittedFrame>,
     ) -> (FittedFrame, Vec<f64>) {
@@ -427,7 +441,7 @@ impl<'a> Stage<'a> {
             inlier_share: quality.inlier_share,
             outside_share_5mm: quality.outside_share_5mm,
             outside_mean: quality.outside_mean,
-            energy,
+            energy: quality.energy,
             seconds: 0.0,
             capture_scale,
         };

@@ -154,7 +154,7 @@ fn frame_share(
     }
     for pair in &mut pairs {
         let inside = (contact_weight(pair, contact, config), contact.scale);
-        weigh_one_sided(pair, body.level.is_bare[pair.vertex as usize], inside, solver.surface);
+        weigh_one_sided(pair, body.level.parts[pair.vertex as usize], inside, solver.surface);
     }
     let closest = ClosestPoints::new(&pairs, DistanceForm::Plane);
     let mut assembly = BodyAssembly::new(surface, Gather::PoseAndIdentity, true);

@@ -226,7 +226,7 @@ impl<'a> StartSearch<'a> {
 
     /// Head, hands and feet are seen through most clothing and tell front from back.
     fn part_weight(&self, vertex: usize) -> f64 {
-        if self.level.is_bare[vertex] { 2.0 } else { 1.0 }
+        if self.level.parts[vertex].is_bare() { 2.0 } else { 1.0 }
     }
 
     /// Mean robust energy of both directions at the last scale, normals included: a pair whose normals disagree
