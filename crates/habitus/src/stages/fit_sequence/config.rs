@@ -254,7 +254,7 @@ impl Default for TrackConfig {
     fn default() -> Self {
         Self {
             coarse_vertex_count: 700,
-            coarse_rounds: 6,
+            coarse_rounds: 5,
             fine_rounds: 2,
             steps_per_round: 1,
             capture_weight: 0.15,
@@ -318,7 +318,7 @@ impl Default for RefineConfig {
             initial_passes: 4,
             vertex_count: 2400,
             frame_limit: 48,
-            passes: 4,
+            passes: 3,
             pose_rounds: 2,
             residual_deviation: 0.006,
             independent_residuals: 1000.0,
