@@ -230,8 +230,8 @@ pub struct ReportOptions {
 impl Default for ReportOptions {
     fn default() -> Self {
         Self {
-            size_limit: 12_000_000,
-            capture_vertex_limit: 8_000,
+            size_limit: 8_000_000,
+            capture_vertex_limit: 4_000,
             capture_vertex_floor: 3_000,
             clearance_range_mm: [-20.0, 60.0],
         }

@@ -318,7 +318,7 @@ impl Default for RefineConfig {
             initial_passes: 4,
             vertex_count: 2400,
             frame_limit: 48,
-            passes: 3,
+            passes: 4,
             pose_rounds: 2,
             residual_deviation: 0.006,
             independent_residuals: 1000.0,
