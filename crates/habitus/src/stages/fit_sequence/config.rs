@@ -321,7 +321,7 @@ impl Default for RefineConfig {
             passes: 4,
             pose_rounds: 2,
             residual_deviation: 0.006,
-            independent_residuals: 1000.0,
+            independent_residuals: 500.0,
             smoothness: 2e-5,
             clearance_tolerance: 0.008,
             contact_weight: 0.4,
