@@ -22,20 +22,14 @@ pub enum Code {
     BodyOutsideCapture,
     /// A joint angle rests on its limit.
     JointAtLimit,
-    /// Body parts intersect one another deeply.
-    SelfIntersection,
     /// Another start explains the frame almost as well.
     AmbiguousStart,
-    /// Front and back explain the frame almost equally well.
-    AmbiguousFacing,
     /// An identity coefficient rests on ±3 standard deviations.
     IdentityAtLimit,
     /// The pose jumps from the frame before by more than a person can move.
     TemporalJump,
     /// The capture of this frame has another scale than the others; it was brought to theirs before fitting.
     CaptureRescaled,
-    /// The solver reached its iteration limit or could not descend.
-    NotConverged,
     /// Large parts of the capture belong to something else: an object, or another person.
     ForeignObject,
     /// The unit or the up axis was guessed and is not certain.
@@ -66,13 +60,10 @@ impl Code {
             Self::BodyNotCovered => "body_not_covered",
             Self::BodyOutsideCapture => "body_outside_capture",
             Self::JointAtLimit => "joint_at_limit",
-            Self::SelfIntersection => "self_intersection",
             Self::AmbiguousStart => "ambiguous_start",
-            Self::AmbiguousFacing => "ambiguous_facing",
             Self::IdentityAtLimit => "identity_at_limit",
             Self::TemporalJump => "temporal_jump",
             Self::CaptureRescaled => "capture_rescaled",
-            Self::NotConverged => "not_converged",
             Self::ForeignObject => "foreign_object",
             Self::UncertainFrameOfReference => "uncertain_frame_of_reference",
             Self::NotAPerson => "not_a_person",

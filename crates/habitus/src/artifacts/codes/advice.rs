@@ -4,20 +4,17 @@ use super::Code;
 
 impl Code {
     /// All codes, in the order of their declaration.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 13] = [
         Self::UnreadableFrame,
         Self::TooFewInliers,
         Self::CaptureNotCovered,
         Self::BodyNotCovered,
         Self::BodyOutsideCapture,
         Self::JointAtLimit,
-        Self::SelfIntersection,
         Self::AmbiguousStart,
-        Self::AmbiguousFacing,
         Self::IdentityAtLimit,
         Self::TemporalJump,
         Self::CaptureRescaled,
-        Self::NotConverged,
         Self::ForeignObject,
         Self::UncertainFrameOfReference,
         Self::NotAPerson,
@@ -29,18 +26,17 @@ impl Code {
             Self::UnreadableFrame => "The capture could not be read or has almost nothing on it.",
             Self::TooFewInliers => "Most of the body has no matching surface on the capture.",
             Self::CaptureNotCovered => "A part of the capture has no body near it.",
-            Self::BodyNotCovered => "The head or a foot of the body has no capture near it.",
+            Self::BodyNotCovered => {
+                "Head, a hand or a foot has no capture near it, or a limb of the capture has no body in it."
+            }
             Self::BodyOutsideCapture => "Too much of the body lies outside the capture.",
             Self::JointAtLimit => "A joint angle rests on its limit.",
-            Self::SelfIntersection => "Parts of the body intersect one another deeply.",
             Self::AmbiguousStart => "Another first pose explains the capture almost as well.",
-            Self::AmbiguousFacing => "Front and back explain the capture almost equally well.",
             Self::IdentityAtLimit => "The build of the person rests on the edge of the population.",
             Self::TemporalJump => "The pose jumps farther from one frame to the next than a person can move.",
             Self::CaptureRescaled => {
                 "The capture has another scale than the other frames and was brought to theirs."
             }
-            Self::NotConverged => "The solver stopped before it was done.",
             Self::ForeignObject => "Large parts of the capture belong to an object or to another person.",
             Self::UncertainFrameOfReference => "Unit or up axis were guessed and are not certain.",
             Self::NotAPerson => "The capture shows no person of plausible size and build.",
@@ -51,14 +47,14 @@ impl Code {
     pub fn remedy(self) -> &'static str {
         match self {
             Self::UnreadableFrame => "export the frame again or leave it out",
-            Self::TooFewInliers | Self::BodyOutsideCapture | Self::AmbiguousFacing | Self::NotConverged => {
+            Self::TooFewInliers | Self::BodyOutsideCapture => {
                 "look at the frame in the report; give landmarks for it with --landmarks"
             }
             Self::CaptureNotCovered | Self::ForeignObject => {
                 "remove floor, objects and other people from the capture"
             }
             Self::BodyNotCovered => "look whether the capture misses head or feet; trust those parts less",
-            Self::JointAtLimit | Self::SelfIntersection => "look at the frame in the report",
+            Self::JointAtLimit => "look at the frame in the report",
             Self::AmbiguousStart => "check front and back in the report; give landmarks for the first frame",
             Self::IdentityAtLimit => "trust measurements less; a model of another population may fit better",
             Self::TemporalJump => {

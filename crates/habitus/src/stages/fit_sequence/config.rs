@@ -221,7 +221,7 @@ pub struct TrackConfig {
     pub coarse_vertex_count: usize,
     /// Correspondence rounds on the coarse vertices.
     pub coarse_rounds: usize,
-    /// Correspondence rounds on all vertices.
+    /// Correspondence rounds on the vertices of the refinement.
     pub fine_rounds: usize,
     /// Gauss–Newton steps in each round.
     pub steps_per_round: usize,
@@ -346,7 +346,7 @@ pub struct Paper2016Config {
     pub landmark_weight: RoundSchedule,
     /// P2 §4.3: 200 mm, 60°.
     pub compatibility: CompatibilityRules,
-    /// P2 §5: ω_r = 1, on coefficients in the metric units of the basis.
+    /// P2 §5: ω_r = 1, on coefficients in the metric units of the basis, once for each frame as Eq. 5 sums Eq. 8.
     pub stay_near_weight: f64,
     /// Rounds of the joint solve over the initial frames and of the refinement; the paper says "iteratively".
     pub joint_rounds: usize,
