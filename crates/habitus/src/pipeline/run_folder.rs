@@ -32,8 +32,18 @@ pub enum RunFolderError {
 pub enum StageName {
     /// Captures that were made rather than given.
     Scans,
+    /// Template brought onto raw scans.
+    Register,
+    /// Body model from registered scans.
+    LearnShape,
     /// Identity and poses under clothing.
     FitSequence,
+    /// Clothing layer over the fitted body.
+    ExtractClothing,
+    /// Clothing model from layers.
+    LearnClothing,
+    /// Dressed sequences from a clothing model.
+    Synthesize,
 }
 
 impl StageName {
@@ -41,7 +51,12 @@ impl StageName {
     pub fn folder(self) -> &'static str {
         match self {
             Self::Scans => "0_scans",
+            Self::Register => "1_register",
+            Self::LearnShape => "2_learn_shape",
             Self::FitSequence => "3_fit_sequence",
+            Self::ExtractClothing => "4_extract_clothing",
+            Self::LearnClothing => "5_learn_clothing",
+            Self::Synthesize => "6_synthesize",
         }
     }
 }
