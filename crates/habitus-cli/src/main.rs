@@ -5,6 +5,8 @@ mod clock;
 mod commands;
 mod config_file;
 mod console;
+#[allow(dead_code, unused_imports, reason = "the verbs with pages of their own follow")]
+mod local_server;
 mod machine;
 mod progress;
 mod sequence_job;
