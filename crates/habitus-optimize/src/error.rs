@@ -44,13 +44,19 @@ pub enum SolveError {
         /// Its upper bound.
         upper: f64,
     },
-    /// The quadratic has no unique minimum on its free variables.
+    /// A matrix that must be positive definite is not.
     #[error(
         "the matrix of the quadratic is not positive definite on {free_count} free variables: add damping"
     )]
     NotPositiveDefinite {
         /// Number of variables that were free.
         free_count: usize,
+    },
+    /// The factor of a sparse matrix does not fit into memory.
+    #[error("the factor of a sparse matrix of {size} rows does not fit into memory: use a coarser surface")]
+    FactorTooLarge {
+        /// Rows of the matrix.
+        size: usize,
     },
     /// The active set did not settle, which only rounding can cause.
     #[error(

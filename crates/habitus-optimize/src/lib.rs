@@ -33,6 +33,8 @@ mod lbfgsb;
 mod objective;
 mod observer;
 mod sink;
+mod sparse_cholesky;
+mod symmetric_matrix;
 mod termination;
 
 pub use bounds::Bounds;
@@ -45,4 +47,6 @@ pub use lbfgsb::{LbfgsbSettings, lbfgsb};
 pub use objective::Objective;
 pub use observer::{Event, Flow, Observer, Silent};
 pub use sink::{Gradient, NormalEquations, Sink, ValueSum, Wanted};
+pub use sparse_cholesky::{CholeskyFactor, SparseCholesky};
+pub use symmetric_matrix::SymmetricMatrix;
 pub use termination::{SolveReport, StopReason, Tolerances};
