@@ -3,6 +3,7 @@
 pub mod body_export;
 pub mod codes;
 mod csv;
+pub mod fabric;
 pub mod fitted_sequence;
 #[cfg(test)]
 pub(crate) mod fixture;
@@ -10,6 +11,8 @@ pub mod frames;
 pub mod journal;
 pub mod measurements;
 pub mod motion_bvh;
+pub mod motion_clip;
+pub mod motion_files;
 pub mod npz;
 pub mod provenance;
 pub mod rigged_sequence;

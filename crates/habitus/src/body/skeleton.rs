@@ -259,6 +259,16 @@ impl Pose {
         DQuat::from_scaled_axis(DVec3::from_slice(&self.parameters[3..]))
     }
 
+    /// A pose on the way to another: the root's rotation on the shortest arc, all else in straight lines.
+    #[must_use]
+    pub fn towards(&self, other: &Self, share: f64) -> Self {
+        let pairs = self.parameters.iter().zip(&other.parameters);
+        let mut pose = Self { parameters: pairs.map(|(from, to)| from + (to - from) * share).collect() };
+        let rotation = self.root_rotation().slerp(other.root_rotation(), share);
+        pose.set_root(rotation, pose.translation());
+        pose
+    }
+
     /// Sets the root's rotation and translation.
     pub fn set_root(&mut self, rotation: DQuat, translation: DVec3) {
         self.parameters[..3].copy_from_slice(&translation.to_array());

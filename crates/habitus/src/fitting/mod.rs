@@ -8,6 +8,7 @@ pub mod correspondence;
 mod deformer;
 pub mod deformers;
 mod fit;
+pub mod retarget;
 pub mod schedule;
 pub mod terms;
 
