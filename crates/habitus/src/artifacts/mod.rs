@@ -15,6 +15,7 @@ pub mod motion_clip;
 pub mod motion_files;
 pub mod npz;
 pub mod provenance;
+pub mod review_decisions;
 pub mod rigged_sequence;
 pub mod sequence_files;
 pub mod skinned_glb;

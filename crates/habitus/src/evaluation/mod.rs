@@ -1,4 +1,5 @@
 //! How good a result is: data in, numbers out.
 
 pub mod clearance;
+pub mod registration_ranking;
 pub mod sequence_accuracy;
