@@ -57,7 +57,8 @@ const readBody = (head) => {
 const readFrame = (head, number, body) => {
   const reader = new BlockReader(readBlock(`block-frame-${number}`));
   const bones = reader.take(Float32Array, body.joints.length * 12);
-  const clearance = head.hasClearance ? reader.take(Int8Array, body.vertexCount) : null;
+  const millimetres = head.hasClearance ? reader.take(Int8Array, body.vertexCount) : null;
+  const clearance = millimetres && Int16Array.from(millimetres, (value) => (value === -128 ? UNKNOWN : value));
   const quantized = reader.take(Uint16Array, head.captureVertexCount * 3);
   const faces = reader.faces(head.captureFaceCount, head.captureVertexCount);
   const positions = new Float32Array(quantized.length);

@@ -13,6 +13,18 @@ vec3 lit(vec3 albedo, vec3 normal, vec3 towardEye, vec3 up) {
   return toLinear(albedo) * (keyLight + fillLight + sky) + vec3(gloss);
 }`;
 
+/** Colour of a signed value of the heat map; what is not known is grey. */
+const HEAT = `
+in float heat;
+uniform vec2 heatRange;
+uniform float showsHeat, heatUnknown;
+uniform sampler2D heatColors;
+vec3 heated(vec3 color) {
+  if (showsHeat < 0.5) return color;
+  float share = (heat - heatRange.x) / (heatRange.y - heatRange.x);
+  return heat < heatUnknown ? vec3(0.5) : texture(heatColors, vec2(clamp(share, 0.002, 0.998), 0.5)).rgb;
+}`;
+
 const bodyVertex = (boneCount) => `#version 300 es
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
@@ -42,38 +54,33 @@ void main() {
 const BODY_FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 viewNormal, viewPosition;
-in float heat, height;
 uniform vec3 color, up;
-uniform vec2 heatRange;
-uniform float showsHeat;
-uniform sampler2D heatColors;
 out vec4 pixel;
 ${STUDIO}
+${HEAT}
 void main() {
   vec3 towardEye = normalize(-viewPosition);
   vec3 n = normalize(viewNormal);
   if (!gl_FrontFacing) n = -n;
-  vec3 albedo = color;
-  if (showsHeat > 0.5) {
-    float share = (heat - heatRange.x) / (heatRange.y - heatRange.x);
-    albedo = heat < -127.5 ? vec3(0.5) : texture(heatColors, vec2(clamp(share, 0.002, 0.998), 0.5)).rgb;
-  }
-  pixel = vec4(toScreen(lit(albedo, n, towardEye, up)), 1.0);
+  pixel = vec4(toScreen(lit(heated(color), n, towardEye, up)), 1.0);
 }`;
 
 const CAPTURE_VERTEX = `#version 300 es
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
+layout(location = 4) in float clearance;
 uniform mat4 view, projection;
+uniform float setBack;
 out vec3 viewNormal, viewPosition;
 out float heat, height;
 void main() {
   vec4 seen = view * vec4(position, 1.0);
   viewNormal = mat3(view) * normal;
   viewPosition = seen.xyz;
-  heat = 0.0;
+  heat = clearance;
   height = position.y;
   gl_Position = projection * seen;
+  gl_Position.z += setBack * gl_Position.w;
   gl_PointSize = 2.0;
 }`;
 
@@ -84,12 +91,13 @@ uniform vec3 color, up;
 uniform float faceOn, edgeOn, isCloud;
 out vec4 pixel;
 ${STUDIO}
+${HEAT}
 void main() {
   vec3 towardEye = normalize(-viewPosition);
   vec3 n = isCloud > 0.5 ? towardEye : normalize(viewNormal);
   if (dot(n, towardEye) < 0.0) n = -n;
   float edge = pow(1.0 - clamp(dot(n, towardEye), 0.0, 1.0), 2.0);
-  pixel = vec4(toScreen(lit(color, n, towardEye, up)), mix(faceOn, edgeOn, edge));
+  pixel = vec4(toScreen(lit(heated(color), n, towardEye, up)), mix(faceOn, edgeOn, edge));
 }`;
 
 /** Darkness that a surface at some height throws on the floor. */

@@ -2,13 +2,15 @@
 
 const SHADOW_SIDE = 256;
 const FLOOR_HALF = 2.6;
+/** A value of the heat map that is not known. */
+const UNKNOWN = -32768;
 
 class Renderer {
   /** Throws when WebGL2 is missing. */
   constructor(canvas, body, heat) {
     const gl = canvas.getContext("webgl2", { antialias: true, alpha: false });
     if (!gl) throw new Error("WebGL2 is not available");
-    Object.assign(this, { canvas, gl, body, heatRange: heat.range });
+    Object.assign(this, { canvas, gl, heatRange: heat.range });
     const vertex = bodyVertex(body.joints.length);
     this.programs = {
       body: this.program(vertex, BODY_FRAGMENT),
@@ -19,15 +21,6 @@ class Renderer {
       segments: this.program(SEGMENT_VERTEX, SEGMENT_FRAGMENT),
       dots: this.program(DOT_VERTEX, DOT_FRAGMENT),
     };
-    this.clearanceBuffer = gl.createBuffer();
-    this.bodyMesh = this.mesh(body.positions, body.normals, body.faces, () => {
-      this.attribute(2, gl.createBuffer(), body.weights, 4, gl.UNSIGNED_BYTE, true);
-      gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-      gl.bufferData(gl.ARRAY_BUFFER, body.bones, gl.STATIC_DRAW);
-      gl.enableVertexAttribArray(3);
-      gl.vertexAttribIPointer(3, 4, gl.UNSIGNED_BYTE, 0, 0);
-      this.attribute(4, this.clearanceBuffer, new Int8Array(body.vertexCount), 1, gl.BYTE, false);
-    });
     this.heatTexture = this.texture(heat.colors.length, 1, new Uint8Array(heat.colors.flatMap((c) => [...c, 255])));
     this.shadowTexture = this.texture(SHADOW_SIDE, SHADOW_SIDE, null);
     this.shadowTarget = gl.createFramebuffer();
@@ -37,6 +30,38 @@ class Renderer {
     this.empty = gl.createVertexArray();
     this.scratch = gl.createBuffer();
     this.captures = new Map();
+    this.setBody(body);
+  }
+
+  /** Takes over a body in the place of the one before; bones and joints stay as many. */
+  setBody(body) {
+    const gl = this.gl;
+    if (this.bodyMesh) this.discard(this.bodyMesh);
+    this.body = body;
+    this.clearanceBuffer = gl.createBuffer();
+    this.bodyMesh = this.mesh(body.positions, body.normals, body.faces, (buffers) => {
+      const [weights, bones] = [gl.createBuffer(), gl.createBuffer()];
+      buffers.push(weights, bones, this.clearanceBuffer);
+      this.attribute(2, weights, body.weights, 4, gl.UNSIGNED_BYTE, true);
+      gl.bindBuffer(gl.ARRAY_BUFFER, bones);
+      gl.bufferData(gl.ARRAY_BUFFER, body.bones, gl.STATIC_DRAW);
+      gl.enableVertexAttribArray(3);
+      gl.vertexAttribIPointer(3, 4, gl.UNSIGNED_BYTE, 0, 0);
+      this.attribute(4, this.clearanceBuffer, new Int16Array(body.vertexCount), 1, gl.SHORT, false);
+    });
+  }
+
+  /** Gives a mesh's memory on the card back. */
+  discard({ array, buffers }) {
+    this.gl.deleteVertexArray(array);
+    for (const buffer of buffers) this.gl.deleteBuffer(buffer);
+  }
+
+  /** Forgets the captures that were shown. */
+  discardCaptures() {
+    for (const mesh of this.captures.values()) this.discard(mesh);
+    this.captures.clear();
+    this.captureMesh = null;
   }
 
   program(vertex, fragment) {
@@ -80,28 +105,38 @@ class Renderer {
   mesh(positions, normals, faces, more = () => {}) {
     const gl = this.gl;
     const array = gl.createVertexArray();
+    const buffers = [gl.createBuffer(), gl.createBuffer(), gl.createBuffer()];
     gl.bindVertexArray(array);
-    this.attribute(0, gl.createBuffer(), positions, 3, gl.FLOAT, false);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    this.attribute(0, buffers[0], positions, 3, gl.FLOAT, false);
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffers[1]);
     gl.bufferData(gl.ARRAY_BUFFER, normals, gl.STATIC_DRAW);
     gl.enableVertexAttribArray(1);
     gl.vertexAttribPointer(1, 3, gl.BYTE, true, 4, 0);
-    more();
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    more(buffers);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffers[2]);
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, faces, gl.STATIC_DRAW);
     gl.bindVertexArray(null);
     const indexType = faces instanceof Uint16Array ? gl.UNSIGNED_SHORT : gl.UNSIGNED_INT;
-    return { array, count: faces.length, indexType, vertexCount: positions.length / 3 };
+    return { array, buffers, count: faces.length, indexType, vertexCount: positions.length / 3 };
   }
 
   /** Takes over a frame: its capture goes to the card once, its clearances each time. */
   setFrame(frame, number) {
     const gl = this.gl;
     this.frame = frame;
-    if (!this.captures.has(number)) this.captures.set(number, this.mesh(frame.positions, frame.normals, frame.faces));
+    if (!this.captures.has(number)) this.captures.set(number, this.captureOf(frame));
     this.captureMesh = this.captures.get(number);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.clearanceBuffer);
-    gl.bufferData(gl.ARRAY_BUFFER, frame.clearance ?? new Int8Array(this.body.vertexCount).fill(-128), gl.DYNAMIC_DRAW);
+    gl.bufferData(gl.ARRAY_BUFFER, frame.clearance ?? new Int16Array(this.body.vertexCount).fill(UNKNOWN), gl.DYNAMIC_DRAW);
+  }
+
+  captureOf({ positions, normals, faces, captureHeat }) {
+    const gl = this.gl;
+    return this.mesh(positions, normals, faces, (buffers) => {
+      if (!captureHeat) return;
+      buffers.push(gl.createBuffer());
+      this.attribute(4, buffers.at(-1), captureHeat, 1, gl.SHORT, false);
+    });
   }
 
   use(name, values) {
@@ -142,22 +177,25 @@ class Renderer {
     const common = { view, projection, up };
     if (floor) this.drawFloor(scene);
     if (layers.body) {
-      const values = { boneRows: this.frame.bones, color: colors.body, heatRange: this.heatRange, showsHeat: layers.heat ? 1 : 0 };
+      const values = { boneRows: this.frame.bones, color: colors.body, heatRange: this.heatRange, heatUnknown: UNKNOWN + 0.5, showsHeat: layers.heat ? 1 : 0 };
       gl.bindTexture(gl.TEXTURE_2D, this.heatTexture);
       this.use("body", { ...common, ...values });
       this.drawMesh(this.bodyMesh);
     }
     for (const lines of scene.lines) this.drawSegments(scene, lines);
-    if (layers.capture && this.captureMesh.vertexCount) this.drawCapture(common, scene);
+    if (layers.capture && this.captureMesh?.vertexCount) this.drawCapture(common, scene);
     this.drawDots(scene);
   }
 
-  drawCapture(common, { colors, layers }) {
+  /** `setBack` lets the body win where the two nearly coincide; `veil` overrides how much the capture covers. */
+  drawCapture(common, { colors, layers, setBack = 0, veil: cover = layers.heat ? 0.5 : 1 }) {
     const gl = this.gl;
     const isCloud = this.captureMesh.count === 0 ? 1 : 0;
-    const veil = layers.heat ? colors.captureOpacity.map((opacity) => opacity * 0.5) : colors.captureOpacity;
+    const veil = colors.captureOpacity.map((opacity) => opacity * cover);
     const [faceOn, edgeOn] = layers.body ? veil : [1, 1];
-    this.use("capture", { ...common, color: colors.capture, faceOn: isCloud ? 0.8 : faceOn, edgeOn, isCloud });
+    const heat = { heatRange: this.heatRange, heatUnknown: UNKNOWN + 0.5, showsHeat: layers.captureHeat ? 1 : 0 };
+    gl.bindTexture(gl.TEXTURE_2D, this.heatTexture);
+    this.use("capture", { ...common, ...heat, setBack, color: colors.capture, faceOn: isCloud ? 0.8 : faceOn, edgeOn, isCloud });
     // Depth first, colour second: only the nearest sheet of the capture is blended.
     gl.colorMask(false, false, false, false);
     this.drawMesh(this.captureMesh);
@@ -182,7 +220,7 @@ class Renderer {
       this.use("bodyShadow", values);
       this.drawMesh(this.bodyMesh);
     }
-    if (layers.capture && this.captureMesh.count) {
+    if (layers.capture && this.captureMesh?.count) {
       this.use("captureShadow", values);
       this.drawMesh(this.captureMesh);
     }
