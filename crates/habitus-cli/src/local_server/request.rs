@@ -25,8 +25,6 @@ pub struct Request {
     pub method: Method,
     /// The parts of the path, decoded. None is empty, `.` or `..`, and none holds a slash, backslash or control character.
     pub path: Vec<String>,
-    /// Names and values after the question mark, decoded.
-    pub query: Vec<(String, String)>,
     /// What was posted: JSON, as text.
     pub body: String,
     /// False for HEAD, which wants the headers alone.
@@ -37,11 +35,6 @@ impl Request {
     /// The parts of the path, to be matched with.
     pub fn parts(&self) -> Vec<&str> {
         self.path.iter().map(String::as_str).collect()
-    }
-
-    /// The first value of a name in the query.
-    pub fn query_value(&self, name: &str) -> Option<&str> {
-        self.query.iter().find(|(key, _)| key == name).map(|(_, value)| value.as_str())
     }
 }
 
@@ -122,9 +115,9 @@ pub fn read(stream: &TcpStream, limits: &Limits, port: u16) -> Result<Request, R
     if body.len() != checked.body_length {
         return Err(Refusal::Malformed);
     }
-    let (path, query) = target(head.path.ok_or(Refusal::Malformed)?)?;
+    let path = path_parts(head.path.ok_or(Refusal::Malformed)?)?;
     let body = String::from_utf8(body).map_err(|_| Refusal::NoJson)?;
-    Ok(Request { method: checked.method, path, query, body, wants_body: head.method != Some("HEAD") })
+    Ok(Request { method: checked.method, path, body, wants_body: head.method != Some("HEAD") })
 }
 
 /// What the headers say, as far as it matters.
@@ -192,28 +185,19 @@ fn only<'a>(head: &httparse::Request<'_, 'a>, name: &str) -> Result<Option<&'a s
     first.map(|header| std::str::from_utf8(header.value).map_err(|_| Refusal::Malformed)).transpose()
 }
 
-/// Parts of the path, and the names and values after it.
-type Target = (Vec<String>, Vec<(String, String)>);
-
-fn target(text: &str) -> Result<Target, Refusal> {
-    let (path, query) = text.split_once('?').unwrap_or((text, ""));
-    let path = path.strip_prefix('/').ok_or(Refusal::Malformed)?;
-    let mut parts = Vec::new();
-    if !path.is_empty() {
-        for part in path.split('/') {
-            let part = decoded(part).ok_or(Refusal::Malformed)?;
-            let is_name = !part.is_empty() && part != "." && part != "..";
-            if !is_name || part.contains(|c: char| c == '/' || c == '\\' || c.is_control()) {
-                return Err(Refusal::Malformed);
-            }
-            parts.push(part);
-        }
+/// Decoded parts of a path. Nothing here is asked for with a question mark.
+fn path_parts(target: &str) -> Result<Vec<String>, Refusal> {
+    let path = target.strip_prefix('/').filter(|path| !path.contains('?')).ok_or(Refusal::Malformed)?;
+    if path.is_empty() {
+        return Ok(Vec::new());
     }
-    let pairs = query.split('&').filter(|pair| !pair.is_empty()).map(|pair| {
-        let (name, value) = pair.split_once('=').unwrap_or((pair, ""));
-        Some((decoded(&name.replace('+', " "))?, decoded(&value.replace('+', " "))?))
+    let parts = path.split('/').map(|part| {
+        let part = decoded(part)?;
+        let is_name = !part.is_empty() && part != "." && part != "..";
+        let is_plain = !part.contains(|c: char| c == '/' || c == '\\' || c.is_control());
+        (is_name && is_plain).then_some(part)
     });
-    Ok((parts, pairs.collect::<Option<_>>().ok_or(Refusal::Malformed)?))
+    parts.collect::<Option<_>>().ok_or(Refusal::Malformed)
 }
 
 /// Text with its `%41` resolved, once.
