@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    completions, config, demo, evaluate, export, fit_sequence, generate, measure, render, report,
+    completions, config, demo, evaluate, export, fit_sequence, generate, measure, render, report, review,
 };
 
 const EXAMPLES: &str = "\
@@ -45,6 +45,8 @@ pub enum Verb {
     FitSequence(fit_sequence::FitSequenceArguments),
     /// Show a body's measurements
     Measure(measure::MeasureArguments),
+    /// Accept and reject registrations, worst first, on a local page
+    Review(review::ReviewArguments),
     /// Write the report of a run folder again
     Report(report::ReportArguments),
     /// Draw meshes or runs as a picture

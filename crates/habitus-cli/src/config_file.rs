@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow, bail};
 use clap::Args;
+use habitus::evaluation::registration_ranking::RankingConfig;
 use habitus::stages::fit_sequence::FitSequenceConfig;
 use habitus_synthetic::sequence::DressedSequenceSettings;
 use serde::{Deserialize, Serialize};
@@ -14,6 +15,8 @@ use serde::{Deserialize, Serialize};
 pub struct Settings {
     /// Section of `fit-sequence`.
     pub fit_sequence: FitSequenceConfig,
+    /// Section of `review`: how registrations are ranked, also by `bootstrap`.
+    pub review: RankingConfig,
     /// Section of `generate` and of the sequence of `demo`.
     pub generate: DressedSequenceSettings,
 }

@@ -5,7 +5,6 @@ mod clock;
 mod commands;
 mod config_file;
 mod console;
-#[allow(dead_code, unused_imports, reason = "the verbs with pages of their own follow")]
 mod local_server;
 mod machine;
 mod progress;
@@ -61,6 +60,7 @@ fn run(arguments: Arguments, console: &Console) -> anyhow::Result<Outcome> {
         Verb::Demo(arguments) => commands::demo::run(&arguments, console),
         Verb::FitSequence(arguments) => commands::fit_sequence::run(&arguments, console),
         Verb::Measure(arguments) => commands::measure::run(&arguments, console),
+        Verb::Review(arguments) => commands::review::run(&arguments, console),
         Verb::Report(arguments) => commands::report::run(&arguments, console),
         Verb::Render(arguments) => commands::render::run(&arguments, console),
         Verb::Export(arguments) => commands::export::run(&arguments, console),

@@ -7,5 +7,6 @@
 mod captured_body;
 pub mod render;
 pub mod report;
+pub mod review;
 pub mod run;
 pub mod stills;

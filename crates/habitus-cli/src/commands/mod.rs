@@ -10,3 +10,4 @@ pub mod generate;
 pub mod measure;
 pub mod render;
 pub mod report;
+pub mod review;

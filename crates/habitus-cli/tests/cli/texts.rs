@@ -5,10 +5,11 @@ use std::path::Path;
 use crate::bench::run;
 use crate::words;
 
-const VERBS: [&str; 10] = [
+const VERBS: [&str; 11] = [
     "demo",
     "fit-sequence",
     "measure",
+    "review",
     "report",
     "render",
     "export",

@@ -50,20 +50,21 @@ pub(crate) struct FrameHead {
     landmarks: Vec<(String, [f32; 3], f32)>,
 }
 
+/// Little-endian numbers, each part padded to four bytes.
 #[derive(Default)]
-struct Bytes(Vec<u8>);
+pub(crate) struct Bytes(pub(crate) Vec<u8>);
 
 impl Bytes {
-    fn floats(&mut self, values: impl IntoIterator<Item = f32>) {
+    pub(crate) fn floats(&mut self, values: impl IntoIterator<Item = f32>) {
         self.0.extend(values.into_iter().flat_map(f32::to_le_bytes));
     }
 
-    fn small(&mut self, values: impl IntoIterator<Item = u8>) {
+    pub(crate) fn small(&mut self, values: impl IntoIterator<Item = u8>) {
         self.0.extend(values);
         self.0.resize(self.0.len().next_multiple_of(4), 0);
     }
 
-    fn indices(&mut self, faces: &[[u32; 3]], vertex_count: usize) {
+    pub(crate) fn indices(&mut self, faces: &[[u32; 3]], vertex_count: usize) {
         let numbers = faces.iter().flatten();
         if vertex_count <= 1 << 16 {
             self.small(numbers.flat_map(|number| (*number as u16).to_le_bytes()));

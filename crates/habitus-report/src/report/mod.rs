@@ -3,11 +3,11 @@
 //! [`ReportData`] is everything that the page shows; [`write_report`] turns it into the page. Meshes go in as
 //! quantised binary blocks within a size limit; the 3D view is a small WebGL2 module of our own (`assets/`).
 
-mod blocks;
+pub(crate) mod blocks;
 mod check;
 mod data;
 mod decimate;
-mod markup;
+pub(crate) mod markup;
 mod page;
 mod plan;
 mod plots;

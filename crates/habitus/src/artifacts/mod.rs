@@ -15,6 +15,7 @@ pub mod motion_clip;
 pub mod motion_files;
 pub mod npz;
 pub mod provenance;
+pub mod registered_scan;
 pub mod review_decisions;
 pub mod rigged_sequence;
 pub mod sequence_files;

@@ -8,6 +8,7 @@
 
 mod capture_origin;
 mod input_key;
+mod registered_run;
 mod run_folder;
 mod sequence_run;
 mod summary;
@@ -15,6 +16,10 @@ mod user_landmarks;
 
 pub use capture_origin::CaptureOrigin;
 pub use input_key::InputKey;
+pub use registered_run::{
+    RegisteredRun, RegisteredRunError, ScanPair, ScanPlaces, decide_by_score, registration_folder,
+    round_folder,
+};
 pub use run_folder::{RunFolder, RunFolderError, StageFolder, StageName};
 pub use sequence_run::{
     MeasuredFit, RunError, SequenceInput, SequenceRun, file_names, measure_fit, measure_rest_body,
