@@ -22,7 +22,7 @@ pub use frame_of_reference::{
 };
 pub use mesh::{MeshError, PointCloud, Surface, TriangleMesh};
 pub use normals::{face_normals, vertex_normals, vertex_normals_into};
-pub use rigid::{RigidTransform, procrustes};
+pub use rigid::{RigidTransform, best_rotation, procrustes};
 pub use sampling::area_weighted_points;
 pub use surface_index::{RayHit, SurfaceIndex, SurfacePoint};
 pub use topology::{Topology, components};

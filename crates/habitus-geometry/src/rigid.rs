@@ -50,6 +50,17 @@ pub fn procrustes(source: &[DVec3], target: &[DVec3]) -> Option<RigidTransform> 
             }
         }
     }
+    let rotation = rotation_of(&covariance)?;
+    Some(RigidTransform { rotation, translation: target_mean - rotation * source_mean })
+}
+
+/// The rotation that turns source directions best onto target directions, from `Σ target · sourceᵀ` (Umeyama 1991); `None`
+/// if it leaves a turn free.
+pub fn best_rotation(covariance: &DMat3) -> Option<DMat3> {
+    rotation_of(&Matrix3::from_column_slice(&covariance.to_cols_array()))
+}
+
+fn rotation_of(covariance: &Matrix3<f64>) -> Option<DMat3> {
     if !covariance.iter().all(|value| value.is_finite()) {
         return None;
     }
@@ -64,8 +75,7 @@ pub fn procrustes(source: &[DVec3], target: &[DVec3]) -> Option<RigidTransform> 
     if (u * v_transposed).determinant() < 0.0 {
         u.column_mut(order[2]).neg_mut();
     }
-    let rotation = DMat3::from_cols_slice((u * v_transposed).as_slice());
-    Some(RigidTransform { rotation, translation: target_mean - rotation * source_mean })
+    Some(DMat3::from_cols_slice((u * v_transposed).as_slice()))
 }
 
 fn mean(points: &[DVec3]) -> DVec3 {

@@ -34,6 +34,7 @@ mod objective;
 mod observer;
 mod sink;
 mod sparse_cholesky;
+mod symmetric_eigen;
 mod symmetric_matrix;
 mod termination;
 
@@ -48,5 +49,6 @@ pub use objective::Objective;
 pub use observer::{Event, Flow, Observer, Silent};
 pub use sink::{Gradient, NormalEquations, Sink, ValueSum, Wanted};
 pub use sparse_cholesky::{CholeskyFactor, SparseCholesky};
+pub use symmetric_eigen::symmetric_eigen;
 pub use symmetric_matrix::SymmetricMatrix;
 pub use termination::{SolveReport, StopReason, Tolerances};
