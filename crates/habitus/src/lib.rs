@@ -18,3 +18,4 @@ pub mod evaluation;
 pub mod fitting;
 pub mod pipeline;
 pub mod stages;
+pub mod statistics;

@@ -1,0 +1,19 @@
+//! Linear statistics of stacked vectors: principal components of bodies and of clothes.
+//!
+//! A [`SampleMatrix`] holds samples, a [`LinearSpace`] is what is learnt from them (P1 Eq. 1): a mean, an orthonormal
+//! basis and a standard deviation for each component. Knows no body and no mesh.
+
+mod centred;
+mod directions;
+mod gram;
+mod linear_space;
+mod linear_space_file;
+mod procrustes;
+mod random_stream;
+mod sample_matrix;
+
+pub use gram::{GramMatrix, GramPrecision};
+pub use linear_space::{LinearSpace, LinearSpaceError, LinearSpaceSettings};
+pub use procrustes::{ProcrustesSettings, SizeRule, align_samples, align_to};
+pub use random_stream::RandomStream;
+pub use sample_matrix::SampleMatrix;
