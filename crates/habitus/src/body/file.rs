@@ -277,7 +277,8 @@ fn vertex_major(stored: &Array<f64>, standard_deviations: &[f64], vertex_count: 
     basis
 }
 
-fn joint_map(
+/// The regressor applied to the mean and to each component.
+pub(super) fn joint_map(
     regressor: &[Vec<(u32, f64)>],
     mean: &[DVec3],
     basis: &[f32],

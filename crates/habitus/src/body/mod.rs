@@ -6,11 +6,13 @@
 pub(crate) mod file;
 #[cfg(test)]
 pub(crate) mod fixture;
+mod identity_space;
 mod model;
 mod skeleton;
 mod surface;
 
 pub use file::ModelFileError;
+pub use identity_space::SpaceOrigin;
 pub use model::{BodyModel, ModelMetadata, PartLabel};
 pub use skeleton::{
     Axis, BONE_COUNT, Bone, POSE_LENGTH, Pose, PosedSkeleton, ROOT_LENGTH, Skeleton, SkeletonError, Twist,
