@@ -3,6 +3,7 @@
 pub mod cleaning;
 pub mod cloud_normals;
 pub mod frame_of_reference;
+pub mod geodesics;
 pub mod io;
 pub mod mesh;
 pub mod normals;
@@ -20,6 +21,7 @@ pub use cloud_normals::estimate_cloud_normals;
 pub use frame_of_reference::{
     FrameOfReference, LengthUnit, SignedAxis, UnitGuess, UpCandidate, guess_unit, guess_up_axis,
 };
+pub use geodesics::{GeodesicWorkspace, Geodesics};
 pub use mesh::{MeshError, PointCloud, Surface, TriangleMesh};
 pub use normals::{face_normals, vertex_normals, vertex_normals_into};
 pub use rigid::{RigidTransform, best_rotation, procrustes};
