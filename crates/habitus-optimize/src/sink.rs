@@ -44,7 +44,7 @@ pub trait Sink {
 
 /// The first part of an objective that produced a number that is not finite.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct FinitenessGuard {
+pub(crate) struct FinitenessGuard {
     part: &'static str,
     first_fault: Option<(&'static str, &'static str)>,
 }
@@ -56,13 +56,17 @@ impl Default for FinitenessGuard {
 }
 
 impl FinitenessGuard {
-    fn watch(&mut self, number: f64, quantity: &'static str) {
+    pub(crate) fn begin_part(&mut self, name: &'static str) {
+        self.part = name;
+    }
+
+    pub(crate) fn watch(&mut self, number: f64, quantity: &'static str) {
         if !number.is_finite() && self.first_fault.is_none() {
             self.first_fault = Some((self.part, quantity));
         }
     }
 
-    fn check(&self, evaluation: usize) -> Result<(), SolveError> {
+    pub(crate) fn check(&self, evaluation: usize) -> Result<(), SolveError> {
         match self.first_fault {
             None => Ok(()),
             Some((part, quantity)) => Err(SolveError::NonFinite { part, quantity, evaluation }),

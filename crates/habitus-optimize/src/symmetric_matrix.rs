@@ -69,6 +69,12 @@ impl SymmetricMatrix {
         }
     }
 
+    /// The diagonal.
+    pub fn diagonal(&self) -> Vec<f64> {
+        // The lower triangle column by column: the diagonal comes first in each.
+        self.column_starts[..self.size()].iter().map(|start| self.values[*start]).collect()
+    }
+
     /// The matrix times a vector.
     pub fn times(&self, vector: &[f64]) -> Vec<f64> {
         assert_eq!(vector.len(), self.size(), "one entry for each column");
