@@ -36,6 +36,12 @@ pub enum Code {
     UncertainFrameOfReference,
     /// The capture shows no person of plausible size and build.
     NotAPerson,
+    /// The dressed surface of this frame had to be aligned anew, without help of its neighbour.
+    AlignmentRestarted,
+    /// The aligned surface lies off its capture.
+    ClothingOffCapture,
+    /// Parts of the aligned surface are turned over.
+    ClothingFolded,
 }
 
 impl Code {
@@ -67,6 +73,9 @@ impl Code {
             Self::ForeignObject => "foreign_object",
             Self::UncertainFrameOfReference => "uncertain_frame_of_reference",
             Self::NotAPerson => "not_a_person",
+            Self::AlignmentRestarted => "alignment_restarted",
+            Self::ClothingOffCapture => "clothing_off_capture",
+            Self::ClothingFolded => "clothing_folded",
         }
     }
 }

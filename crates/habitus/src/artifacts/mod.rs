@@ -1,6 +1,7 @@
 //! What stages hand to one another: data and its file form, no algorithm.
 
 pub mod body_export;
+pub mod clothing_layer;
 pub mod codes;
 mod csv;
 pub mod fabric;
@@ -17,6 +18,7 @@ pub mod npz;
 pub mod provenance;
 pub mod registered_scan;
 pub mod review_decisions;
+mod rig_file;
 pub mod rigged_sequence;
 pub mod sequence_files;
 pub mod skinned_glb;

@@ -5,7 +5,7 @@
 //! capture has another scale than the sequence (`capture_scale` is not 1), the arrays keep the sequence's scale, and
 //! the frame's own file is that factor larger.
 
-mod records;
+pub(super) mod records;
 #[cfg(test)]
 mod tests;
 
@@ -18,12 +18,12 @@ use thiserror::Error;
 use super::csv::CsvText;
 use super::fitted_sequence::{FittedFrame, FittedSequence, InputFrame, Landmark};
 use super::npz::{NpzError, NpzReader, NpzWriter};
+use super::rig_file::{add_rig, flat, read_rig};
 use super::rigged_sequence::{
     Rig, RiggedSequence, pose_in_input_frame, pose_in_internal_frame, unwind_root_rotations,
 };
 use super::write_atomically;
 use crate::body::ModelFileError;
-use crate::body::file::{read_skeleton, read_skin};
 use records::{FileHeader, FitMetadata};
 
 const FORMAT: &str = "habitus-fit";
@@ -137,27 +137,6 @@ pub fn write_fit(path: &Path, fit: &RiggedSequence) -> Result<(), FitFileError> 
     Ok(file.write(path)?)
 }
 
-fn flat(points: impl Iterator<Item = DVec3>) -> Vec<f64> {
-    points.flat_map(|point| point.to_array()).collect()
-}
-
-/// All in f64: what a plain reader skins from this file agrees with ours to rounding.
-fn add_rig(file: &mut NpzWriter, rig: &Rig) {
-    let faces: Vec<i32> = rig.faces.iter().flatten().map(|vertex| *vertex as i32).collect();
-    file.add("faces", &[rig.faces.len(), 3], &faces);
-    file.add("skin_bones", &[rig.skin.bones.len(), 4], &rig.skin.bones.concat());
-    file.add("skin_weights", &[rig.skin.weights.len(), 4], &rig.skin.weights.concat());
-    let bones = rig.skeleton.bones();
-    let parents: Vec<i32> = bones.iter().map(|bone| bone.parent.map_or(-1, |parent| parent as i32)).collect();
-    file.add("bone_parents", &[parents.len()], &parents);
-    let axes = rig.skeleton.axes();
-    let axis_bones: Vec<i32> = axes.iter().map(|axis| axis.bone as i32).collect();
-    file.add("axis_bones", &[axes.len()], &axis_bones);
-    file.add("axis_directions", &[axes.len(), 3], &flat(axes.iter().map(|axis| axis.direction)));
-    let limits: Vec<f64> = axes.iter().flat_map(|axis| axis.limits).collect();
-    file.add("axis_limits", &[axes.len(), 2], &limits);
-}
-
 /// A file that cannot be read again must not be written.
 fn check_before_writing(fit: &RiggedSequence) -> Result<(), String> {
     let (sequence, rig) = (&fit.sequence, &fit.rig);
@@ -230,7 +209,7 @@ fn read_fit_bytes(bytes: Vec<u8>, path: &Path) -> Result<RiggedSequence, FitFile
 
     let rest_vertices = read_points(&mut file, "rest_vertices", &[None, Some(3)], |point| point * unit)?;
     let vertex_count = rest_vertices.len();
-    let rig = read_rig(&mut file, &metadata, vertex_count, path)?;
+    let rig = read_rig(&mut file, &metadata.rig, vertex_count, path)?;
     let bone_count = rig.skeleton.bones().len();
     let rest_joints =
         read_points(&mut file, "rest_joints", &[Some(bone_count), Some(3)], |point| point * unit)?;
@@ -268,26 +247,6 @@ fn read_metadata(file: &mut NpzReader, path: &Path) -> Result<FitMetadata, FitFi
         return Err(FitFileError::Newer { path: path.to_path_buf(), found: header.version });
     }
     serde_json::from_value(header.contents).map_err(|error| unusable(file, error))
-}
-
-fn read_rig(
-    file: &mut NpzReader,
-    metadata: &FitMetadata,
-    vertex_count: usize,
-    path: &Path,
-) -> Result<Rig, FitFileError> {
-    let skeleton = read_skeleton(file, &metadata.bones, &metadata.axes, path)?;
-    let skin = read_skin(file, vertex_count, skeleton.bones().len())?;
-    let faces = file.indices("faces", vertex_count)?;
-    file.expect_shape("faces", &faces, &[None, Some(3)])?;
-    Ok(Rig {
-        model_name: metadata.model.name.clone(),
-        model_license: metadata.model.license.clone(),
-        faces: faces.values.chunks_exact(3).map(|face| [face[0], face[1], face[2]]).collect(),
-        skin,
-        skeleton,
-        landmarks: metadata.landmarks.clone(),
-    })
 }
 
 fn read_frames(

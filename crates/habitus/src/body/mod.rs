@@ -3,6 +3,7 @@
 //! `posed = skinning(rest(identity), posed_from_rest(pose, joints(identity)))`. The joints follow the
 //! shape through a sparse regressor, so that long and short bodies bend in their own places.
 
+mod blended_skin;
 pub(crate) mod file;
 #[cfg(test)]
 pub(crate) mod fixture;
@@ -11,9 +12,11 @@ mod model;
 mod skeleton;
 mod surface;
 
+pub use blended_skin::{BlendedSkin, Carrier};
 pub use file::ModelFileError;
 pub use identity_space::SpaceOrigin;
 pub use model::{BodyModel, ModelMetadata, PartLabel};
+pub(crate) use skeleton::left_jacobian;
 pub use skeleton::{
     Axis, BONE_COUNT, Bone, POSE_LENGTH, Pose, PosedSkeleton, ROOT_LENGTH, Skeleton, SkeletonError, Twist,
     rotation_vector,

@@ -286,7 +286,7 @@ pub fn rotation_vector(rotation: DQuat) -> DVec3 {
 }
 
 /// Left Jacobian of SO(3): exp(r + J⁻¹-free small change) = exp(J δ) exp(r) to first order.
-fn left_jacobian(r: DVec3) -> DMat3 {
+pub(crate) fn left_jacobian(r: DVec3) -> DMat3 {
     let angle_squared = r.length_squared();
     let skew =
         DMat3::from_cols(DVec3::new(0.0, r.z, -r.y), DVec3::new(-r.z, 0.0, r.x), DVec3::new(r.y, -r.x, 0.0));

@@ -4,7 +4,7 @@ use super::Code;
 
 impl Code {
     /// All codes, in the order of their declaration.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 16] = [
         Self::UnreadableFrame,
         Self::TooFewInliers,
         Self::CaptureNotCovered,
@@ -18,6 +18,9 @@ impl Code {
         Self::ForeignObject,
         Self::UncertainFrameOfReference,
         Self::NotAPerson,
+        Self::AlignmentRestarted,
+        Self::ClothingOffCapture,
+        Self::ClothingFolded,
     ];
 
     /// What it means, in a sentence.
@@ -40,6 +43,11 @@ impl Code {
             Self::ForeignObject => "Large parts of the capture belong to an object or to another person.",
             Self::UncertainFrameOfReference => "Unit or up axis were guessed and are not certain.",
             Self::NotAPerson => "The capture shows no person of plausible size and build.",
+            Self::AlignmentRestarted => {
+                "The dressed surface was aligned anew, without help of its neighbour."
+            }
+            Self::ClothingOffCapture => "The aligned dressed surface lies off its capture.",
+            Self::ClothingFolded => "Parts of the aligned dressed surface are turned over.",
         }
     }
 
@@ -62,6 +70,10 @@ impl Code {
             }
             Self::CaptureRescaled => "export all frames of the sequence in the same unit and place",
             Self::UncertainFrameOfReference => "say them with --unit and --up",
+            Self::AlignmentRestarted => "look at the frame; no action if it is fine",
+            Self::ClothingOffCapture | Self::ClothingFolded => {
+                "leave the frame out of learning, or align with more nodes or another template frame"
+            }
             Self::NotAPerson => "check the input; say --unit and --up if it is a person",
         }
     }

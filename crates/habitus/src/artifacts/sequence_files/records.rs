@@ -5,35 +5,28 @@ use serde::{Deserialize, Serialize};
 
 use crate::artifacts::codes::Code;
 use crate::artifacts::fitted_sequence::InputFrame;
+use crate::artifacts::rig_file::RigNames;
 use crate::artifacts::rigged_sequence::RiggedSequence;
 
 #[derive(Serialize, Deserialize)]
-pub(super) struct FileHeader {
-    pub(super) format: String,
-    pub(super) version: u32,
+pub(in crate::artifacts) struct FileHeader {
+    pub(in crate::artifacts) format: String,
+    pub(in crate::artifacts) version: u32,
     #[serde(flatten)]
-    pub(super) contents: serde_json::Value,
+    pub(in crate::artifacts) contents: serde_json::Value,
 }
 
 #[derive(Serialize, Deserialize)]
 pub(super) struct FitMetadata {
-    pub(super) model: ModelRecord,
-    pub(super) bones: Vec<String>,
-    pub(super) axes: Vec<String>,
-    pub(super) landmarks: Vec<String>,
+    #[serde(flatten)]
+    pub(super) rig: RigNames,
     pub(super) input_frame: InputFrameRecord,
     pub(super) codes: Vec<Code>,
     pub(super) frames: Vec<FrameRecord>,
 }
 
 #[derive(Serialize, Deserialize)]
-pub(super) struct ModelRecord {
-    pub(super) name: String,
-    pub(super) license: String,
-}
-
-#[derive(Serialize, Deserialize)]
-pub(super) struct InputFrameRecord {
+pub(in crate::artifacts) struct InputFrameRecord {
     pub(super) metres_per_unit: f64,
     /// Row by row.
     pub(super) internal_from_input: [[f64; 3]; 3],
@@ -55,18 +48,11 @@ pub(super) struct FrameRecord {
 impl FitMetadata {
     /// The record of a fit.
     pub(super) fn of(fit: &RiggedSequence) -> Self {
-        let (sequence, rig) = (&fit.sequence, &fit.rig);
+        let sequence = &fit.sequence;
         let finite = |value: f64| value.is_finite().then_some(value);
         Self {
-            model: ModelRecord { name: rig.model_name.clone(), license: rig.model_license.clone() },
-            bones: rig.skeleton.bones().iter().map(|bone| bone.name.clone()).collect(),
-            axes: rig.skeleton.axes().iter().map(|axis| axis.name.clone()).collect(),
-            landmarks: rig.landmarks.clone(),
-            input_frame: InputFrameRecord {
-                metres_per_unit: sequence.input_frame.metres_per_unit,
-                internal_from_input: sequence.input_frame.internal_from_input.transpose().to_cols_array_2d(),
-                report: sequence.input_frame.report.clone(),
-            },
+            rig: RigNames::of(&fit.rig),
+            input_frame: InputFrameRecord::of(&sequence.input_frame),
             codes: sequence.codes.clone(),
             frames: sequence
                 .frames
@@ -86,8 +72,17 @@ impl FitMetadata {
 }
 
 impl InputFrameRecord {
+    /// The record of an input frame.
+    pub(in crate::artifacts) fn of(frame: &InputFrame) -> Self {
+        Self {
+            metres_per_unit: frame.metres_per_unit,
+            internal_from_input: frame.internal_from_input.transpose().to_cols_array_2d(),
+            report: frame.report.clone(),
+        }
+    }
+
     /// The frame as the library holds it.
-    pub(super) fn to_input_frame(&self) -> InputFrame {
+    pub(in crate::artifacts) fn to_input_frame(&self) -> InputFrame {
         InputFrame {
             metres_per_unit: self.metres_per_unit,
             internal_from_input: DMat3::from_cols_array_2d(&self.internal_from_input).transpose(),
