@@ -2,5 +2,7 @@
 
 pub mod body_assembly;
 mod body_parameters;
+mod deformation_graph;
 
 pub use body_parameters::{BodyParameters, FreeParameters};
+pub use deformation_graph::{DeformationGraph, GraphDeformer, NODE_PARAMETERS, NodeMotion};
