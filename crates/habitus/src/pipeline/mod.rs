@@ -7,6 +7,7 @@
 //! goes on from its journal.
 
 mod capture_origin;
+mod clothing_run;
 mod input_key;
 mod registered_run;
 mod run_folder;
@@ -15,6 +16,10 @@ mod summary;
 mod user_landmarks;
 
 pub use capture_origin::CaptureOrigin;
+pub use clothing_run::{
+    ClothingInput, ClothingRun, ClothingRunError, ClothingSummary, Connectivity, LAYER_FILE, captures_of_fit,
+    read_stored_layer,
+};
 pub use input_key::InputKey;
 pub use registered_run::{
     RegisteredRun, RegisteredRunError, ScanPair, ScanPlaces, decide_by_score, registration_folder,

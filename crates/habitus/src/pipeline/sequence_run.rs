@@ -210,7 +210,7 @@ impl<'a> SequenceRun<'a> {
 }
 
 /// One file that cannot be read must not end a run of thousands: it becomes a failed frame.
-fn input_file(path: &Path) -> InputFile {
+pub(super) fn input_file(path: &Path) -> InputFile {
     InputFile::of(path).unwrap_or_else(|_| InputFile {
         name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         size: 0,

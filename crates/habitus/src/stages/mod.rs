@@ -1,4 +1,5 @@
 //! Recipes: each stage takes and gives artifacts, has its own config and error, and knows no other stage.
 
+pub mod extract_clothing;
 pub mod fit_sequence;
 pub mod measure;
