@@ -5,7 +5,8 @@ use std::num::NonZeroUsize;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    completions, config, demo, evaluate, export, fit_sequence, generate, measure, render, report, review,
+    completions, config, demo, evaluate, export, extract_clothing, fit_sequence, generate, measure, render,
+    report, review,
 };
 
 const EXAMPLES: &str = "\
@@ -43,6 +44,8 @@ pub enum Verb {
     Demo(demo::DemoArguments),
     /// Find one body and its motion in a folder of dressed captures
     FitSequence(fit_sequence::FitSequenceArguments),
+    /// Take the clothes off a fitted sequence as a layer of offsets
+    ExtractClothing(extract_clothing::ExtractClothingArguments),
     /// Show a body's measurements
     Measure(measure::MeasureArguments),
     /// Accept and reject registrations, worst first, on a local page

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use habitus::evaluation::registration_ranking::RankingConfig;
+use habitus::stages::extract_clothing::ExtractClothingConfig;
 use habitus::stages::fit_sequence::FitSequenceConfig;
 use habitus_synthetic::sequence::DressedSequenceSettings;
 use serde::{Deserialize, Serialize};
@@ -17,6 +18,8 @@ pub struct Settings {
     pub fit_sequence: FitSequenceConfig,
     /// Section of `review`: how registrations are ranked, also by `bootstrap`.
     pub review: RankingConfig,
+    /// Section of `extract-clothing`.
+    pub extract_clothing: ExtractClothingConfig,
     /// Section of `generate` and of the sequence of `demo`.
     pub generate: DressedSequenceSettings,
 }

@@ -5,6 +5,7 @@ pub mod config;
 pub mod demo;
 pub mod evaluate;
 pub mod export;
+pub mod extract_clothing;
 pub mod fit_sequence;
 pub mod generate;
 pub mod measure;

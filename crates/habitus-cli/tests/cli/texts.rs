@@ -5,9 +5,10 @@ use std::path::Path;
 use crate::bench::run;
 use crate::words;
 
-const VERBS: [&str; 11] = [
+const VERBS: [&str; 12] = [
     "demo",
     "fit-sequence",
+    "extract-clothing",
     "measure",
     "review",
     "report",
