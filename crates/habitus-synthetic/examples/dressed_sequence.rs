@@ -1,6 +1,7 @@
 //! Makes dressed sequences and paints contact sheets of them: truth above, capture below.
 //!
-//! `cargo run --release --example dressed_sequence -- <picture folder> [outfit] [motion] [frames] [model.npz]`
+//! `cargo run --release --example dressed_sequence -- <picture folder> [outfit] [motion] [frames] [model.npz]`; the
+//! motion is a name or a motion file, and a fabric may follow the outfit: `dress:silk-satin`.
 
 #![allow(clippy::print_stdout, reason = "an example talks to the one who runs it")]
 
@@ -22,9 +23,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     std::fs::create_dir_all(&folder)?;
     let word =
         |place: usize, default: &str| format!("\"{}\"", arguments.get(place).map_or(default, |word| word));
+    let outfit = word(1, "dress").replace('"', "");
+    let (outfit, fabric) =
+        outfit.split_once(':').map_or((outfit.as_str(), None), |(o, f)| (o, Some(f.into())));
+    let motion_file = arguments.get(2).map(PathBuf::from).filter(|path| path.is_file());
+    let motion = if motion_file.is_some() { "\"walk\"".into() } else { word(2, "walk_and_turn") };
     let settings = DressedSequenceSettings {
-        outfit: serde_json::from_str(&word(1, "dress"))?,
-        motion: serde_json::from_str(&word(2, "walk_and_turn"))?,
+        outfit: serde_json::from_str(&format!("\"{outfit}\""))?,
+        motion: serde_json::from_str(&motion)?,
+        motion_file,
+        fabric,
         frame_count: arguments.get(3).map_or(Ok(60), |count| count.parse())?,
         ..DressedSequenceSettings::default()
     };

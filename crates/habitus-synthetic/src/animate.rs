@@ -1,6 +1,7 @@
 //! From anatomical angles to the poses of one body, with feet that stay where they stand.
 
 use glam::{DMat3, DQuat, DVec3};
+use habitus::artifacts::motion_clip::MotionClip;
 use habitus::body::{BodyModel, Pose, Skeleton, rotation_vector};
 
 use crate::motion::{ArmAngles, LegAngles, Motion, Stance};
@@ -9,14 +10,31 @@ use crate::rest_body::{Bone, RestBody};
 /// Softness of "the lowest point carries the weight", metres.
 const CONTACT_SOFTNESS: f64 = 0.008;
 
+/// Where the poses come from.
+enum Choreography {
+    /// Joint angles that are made here.
+    Made {
+        motion: Motion,
+        /// In 0..1, shifts the cycle.
+        phase: f64,
+    },
+    /// A clip of this very body, turned so that it begins above the origin and facing +z.
+    Captured {
+        clip: MotionClip,
+        /// Where in the clip time zero is, seconds.
+        start: f64,
+        forwards: DQuat,
+        origin: DVec3,
+    },
+}
+
 /// Poses of one body over time, made one after the other because each stands on the last one's feet.
 pub struct Animation<'a> {
     model: &'a BodyModel,
     joints: Vec<DVec3>,
     /// Heel and ball of the left and the right sole, rest space.
     soles: [(Bone, DVec3); 4],
-    motion: Motion,
-    phase: f64,
+    choreography: Choreography,
     /// Sole points (before translation) and root translation of the last pose.
     last: Option<([DVec3; 4], DVec3)>,
 }
@@ -24,6 +42,19 @@ pub struct Animation<'a> {
 impl<'a> Animation<'a> {
     /// A motion of one body; `phase` in 0..1 shifts its cycle.
     pub fn new(model: &'a BodyModel, body: &RestBody, motion: Motion, phase: f64) -> Self {
+        Self::of(model, body, Choreography::Made { motion, phase })
+    }
+
+    /// A clip that was made for this body, from `start` seconds on; none if the clip has no pose.
+    pub fn captured(model: &'a BodyModel, body: &RestBody, clip: MotionClip, start: f64) -> Option<Self> {
+        let first = clip.pose_at(start)?;
+        let ahead = first.root_rotation() * DVec3::Z;
+        let forwards = DQuat::from_rotation_y(-ahead.x.atan2(ahead.z));
+        let origin = (body.joints()[0] + first.translation()).with_y(0.0);
+        Some(Self::of(model, body, Choreography::Captured { clip, start, forwards, origin }))
+    }
+
+    fn of(model: &'a BodyModel, body: &RestBody, choreography: Choreography) -> Self {
         let joints = body.joints().to_vec();
         let soles = [
             (Bone::LeftFoot, sole(body, Bone::LeftFoot, -1.0)),
@@ -31,15 +62,33 @@ impl<'a> Animation<'a> {
             (Bone::RightFoot, sole(body, Bone::RightFoot, -1.0)),
             (Bone::RightFoot, sole(body, Bone::RightFoot, 1.0)),
         ];
-        Self { model, joints, soles, motion, phase, last: None }
+        Self { model, joints, soles, choreography, last: None }
     }
 
     /// The pose at a time (seconds), blended from the rest pose (0) to the motion (1).
     pub fn next_pose(&mut self, time: f64, blend: f64) -> Pose {
-        let stance = self.motion.at(time, self.phase);
+        match &self.choreography {
+            Choreography::Made { motion, phase } => {
+                let stance = motion.at(time, *phase);
+                self.made_pose(&stance, blend)
+            }
+            Choreography::Captured { clip, start, forwards, origin } => {
+                let skeleton = self.model.skeleton();
+                let Some(mut pose) = clip.pose_at(start + time) else { return skeleton.rest_pose() };
+                let root = *forwards * (self.joints[0] + pose.translation() - *origin);
+                pose.set_root(*forwards * pose.root_rotation(), root - self.joints[0]);
+                let mut rest = skeleton.rest_pose();
+                let lowest = self.soles.iter().map(|(_, sole)| sole.y).fold(f64::INFINITY, f64::min);
+                rest.set_root(DQuat::IDENTITY, DVec3::new(-self.joints[0].x, -lowest, -self.joints[0].z));
+                rest.towards(&pose, blend)
+            }
+        }
+    }
+
+    fn made_pose(&mut self, stance: &Stance, blend: f64) -> Pose {
         let skeleton = self.model.skeleton();
         let mut pose = skeleton.rest_pose();
-        self.set_angles(&mut pose, &stance);
+        self.set_angles(&mut pose, stance);
         for angle in &mut pose.parameters_mut()[3..] {
             *angle *= blend;
         }

@@ -35,6 +35,15 @@ pub enum SyntheticError {
         /// What is allowed.
         expected: String,
     },
+    /// A motion file cannot be read.
+    #[error(transparent)]
+    Motion(#[from] habitus::artifacts::motion_files::MotionFileError),
+    /// A motion cannot be brought to the person.
+    #[error(transparent)]
+    Retarget(#[from] habitus::fitting::retarget::RetargetError),
+    /// A fabric is not known, or its file is broken.
+    #[error(transparent)]
+    Fabric(#[from] habitus::artifacts::fabric::FabricError),
     /// A file could not be read or written.
     #[error("{path}: {reason}")]
     File {

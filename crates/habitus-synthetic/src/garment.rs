@@ -26,6 +26,10 @@ pub enum Outfit {
     ShirtAndTrousers,
     /// A suit like a second skin (P2 §6.1 "very tight").
     Tight,
+    /// Shorts and a T-shirt over them (P3 §5.3).
+    ShortsAndTShirt,
+    /// Wide trousers under a T-shirt (P2 §6.1 "wide", for men).
+    TShirtAndTrousers,
 }
 
 /// Sizes of the garments.
@@ -50,6 +54,16 @@ pub struct GarmentSettings {
     pub neckline_radius_mm: f64,
     /// Thickness of a tight suit, millimetres.
     pub tight_ease_mm: f64,
+    /// Room between skin and a T-shirt, millimetres.
+    pub t_shirt_ease_mm: f64,
+    /// Where the sleeves of a T-shirt end between shoulder (0) and elbow (1).
+    pub sleeve_length: f64,
+    /// Room between skin and shorts, millimetres.
+    pub shorts_ease_mm: f64,
+    /// Where shorts end between hip (0) and knee (1).
+    pub shorts_length: f64,
+    /// Radius of a leg of shorts at its hem, millimetres.
+    pub shorts_hem_radius_mm: f64,
 }
 
 impl Default for GarmentSettings {
@@ -64,6 +78,11 @@ impl Default for GarmentSettings {
             trouser_hem_radius_mm: 130.0,
             neckline_radius_mm: 110.0,
             tight_ease_mm: 3.0,
+            t_shirt_ease_mm: 18.0,
+            sleeve_length: 0.7,
+            shorts_ease_mm: 14.0,
+            shorts_length: 0.85,
+            shorts_hem_radius_mm: 105.0,
         }
     }
 }
@@ -114,7 +133,33 @@ pub fn tailor(
             shirt(body, settings).sew(body, settings)?,
         ]),
         Outfit::Tight => Ok(vec![second_skin(body, settings.tight_ease_mm / 1000.0)]),
+        Outfit::ShortsAndTShirt => Ok(vec![
+            shorts(body, settings).sew(body, settings)?,
+            t_shirt(body, settings).sew(body, settings)?,
+        ]),
+        Outfit::TShirtAndTrousers => Ok(vec![
+            trousers(body, settings).sew(body, settings)?,
+            t_shirt(body, settings).sew(body, settings)?,
+        ]),
     }
+}
+
+/// Direction of the warp at each vertex: along the limb or trunk beneath, as tailors cut it. Where limbs meet it turns
+/// smoothly, because bones near a vertex share it by distance.
+pub(crate) fn warp_directions(body: &RestBody, positions: &[DVec3]) -> Vec<DVec3> {
+    const REACH: f64 = 0.05;
+    let lines = body.bone_lines();
+    positions
+        .par_iter()
+        .map(|&position| {
+            let nearest = lines.iter().map(|line| line.distance(position)).fold(f64::INFINITY, f64::min);
+            let sum: DVec3 = lines
+                .iter()
+                .map(|line| line.direction() * (-(line.distance(position) - nearest) / REACH).exp())
+                .sum();
+            sum.try_normalize().unwrap_or(DVec3::NEG_Y)
+        })
+        .collect()
 }
 
 /// A tube that widens from an ellipse at the top to one at the bottom.
@@ -216,7 +261,21 @@ fn dress<'a>(body: &'a RestBody, settings: &GarmentSettings) -> Pattern<'a> {
 }
 
 fn shirt<'a>(body: &'a RestBody, settings: &GarmentSettings) -> Pattern<'a> {
-    let ease = settings.shirt_ease_mm / 1000.0;
+    upper_garment("shirt", body, settings, settings.shirt_ease_mm / 1000.0, 1.85)
+}
+
+fn t_shirt<'a>(body: &'a RestBody, settings: &GarmentSettings) -> Pattern<'a> {
+    upper_garment("t_shirt", body, settings, settings.t_shirt_ease_mm / 1000.0, settings.sleeve_length)
+}
+
+/// A garment for the trunk; `sleeve_end` is 1 at the elbow and 2 at the wrist.
+fn upper_garment<'a>(
+    name: &'static str,
+    body: &'a RestBody,
+    settings: &GarmentSettings,
+    ease: f64,
+    sleeve_end: f64,
+) -> Pattern<'a> {
     let hem_height = body.joint(Bone::LeftThigh).y - 0.02;
     let chest_height = body.joint(Bone::LeftUpperArm).y - 0.16;
     let (chest, chest_x, chest_z) = body.torso_slice(chest_height);
@@ -229,7 +288,7 @@ fn shirt<'a>(body: &'a RestBody, settings: &GarmentSettings) -> Pattern<'a> {
     };
     let neckline = Neckline::of(body, settings);
     Pattern {
-        name: "shirt",
+        name,
         layer: 1,
         ease: Bone::table(|bone| match bone {
             Bone::Pelvis | Bone::Thorax | Bone::LeftUpperArm | Bone::RightUpperArm => ease * 0.6,
@@ -243,24 +302,38 @@ fn shirt<'a>(body: &'a RestBody, settings: &GarmentSettings) -> Pattern<'a> {
             neckline
                 .distance(position, bone)
                 .min(position.y - hem_height)
-                .min(body.before_on_arm(position, bone, 1.85))
+                .min(body.before_on_arm(position, bone, sleeve_end))
         }),
         stitch: Box::new(move |position, bone| neckline.is_on_shoulder(position, bone)),
     }
 }
 
 fn trousers<'a>(body: &'a RestBody, settings: &GarmentSettings) -> Pattern<'a> {
-    let ease = settings.trouser_ease_mm / 1000.0;
+    let ends = [body.joint(Bone::LeftFoot), body.joint(Bone::RightFoot)];
+    let hem_radius = settings.trouser_hem_radius_mm / 1000.0;
+    lower_garment("trousers", body, settings.trouser_ease_mm / 1000.0, ends, hem_radius)
+}
+
+fn shorts<'a>(body: &'a RestBody, settings: &GarmentSettings) -> Pattern<'a> {
+    let along = |hip: Bone, knee: Bone| body.joint(hip).lerp(body.joint(knee), settings.shorts_length);
+    let ends = [along(Bone::LeftThigh, Bone::LeftShank), along(Bone::RightThigh, Bone::RightShank)];
+    let hem_radius = settings.shorts_hem_radius_mm / 1000.0;
+    lower_garment("shorts", body, settings.shorts_ease_mm / 1000.0, ends, hem_radius)
+}
+
+/// A garment with two legs that end at these places.
+fn lower_garment<'a>(
+    name: &'static str,
+    body: &'a RestBody,
+    ease: f64,
+    ends: [DVec3; 2],
+    hem_radius: f64,
+) -> Pattern<'a> {
     let waist_height = body.joint(Bone::Thorax).y;
-    let hem_height = body.middle(Bone::LeftFoot, Bone::RightFoot).y;
-    let leg = |hip: Bone, ankle: Bone| Leg {
-        hip: body.joint(hip),
-        ankle: body.joint(ankle),
-        hip_radius: 0.09,
-        hem_radius: settings.trouser_hem_radius_mm / 1000.0,
-    };
+    let hem_height = (ends[0].y + ends[1].y) * 0.5;
+    let leg = |hip: Bone, ankle: DVec3| Leg { hip: body.joint(hip), ankle, hip_radius: 0.09, hem_radius };
     Pattern {
-        name: "trousers",
+        name,
         layer: 0,
         ease: Bone::table(|bone| match bone {
             Bone::Pelvis | Bone::Thorax => ease * 0.5,
@@ -268,7 +341,7 @@ fn trousers<'a>(body: &'a RestBody, settings: &GarmentSettings) -> Pattern<'a> {
             _ => 0.0,
         }),
         flare: None,
-        legs: vec![leg(Bone::LeftThigh, Bone::LeftFoot), leg(Bone::RightThigh, Bone::RightFoot)],
+        legs: vec![leg(Bone::LeftThigh, ends[0]), leg(Bone::RightThigh, ends[1])],
         keep: Box::new(move |position, bone| {
             let height = (position.y - hem_height).min(waist_height - position.y);
             if bone.is_arm() || bone == Bone::Head { -1.0 } else { height }

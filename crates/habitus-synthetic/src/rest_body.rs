@@ -70,6 +70,31 @@ impl Bone {
     }
 }
 
+/// The middle line of a part of the body.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct BoneLine {
+    pub(crate) bone: Bone,
+    pub(crate) start: DVec3,
+    pub(crate) end: DVec3,
+}
+
+impl BoneLine {
+    pub(crate) fn direction(&self) -> DVec3 {
+        (self.end - self.start).normalize_or_zero()
+    }
+
+    /// Nearest point of the line.
+    pub(crate) fn nearest(&self, position: DVec3) -> DVec3 {
+        let way = self.end - self.start;
+        let share = (position - self.start).dot(way) / way.length_squared().max(1e-12);
+        self.start + way * share.clamp(0.0, 1.0)
+    }
+
+    pub(crate) fn distance(&self, position: DVec3) -> f64 {
+        self.nearest(position).distance(position)
+    }
+}
+
 /// One person in the rest pose.
 pub struct RestBody {
     positions: Vec<DVec3>,
@@ -127,6 +152,28 @@ impl RestBody {
 
     pub(crate) fn is_bare(&self, vertex: u32) -> bool {
         self.is_bare[vertex as usize]
+    }
+
+    /// The lines that trunk and limbs lie along, all pointing downwards or outwards.
+    pub(crate) fn bone_lines(&self) -> Vec<BoneLine> {
+        let hips = self.middle(Bone::LeftThigh, Bone::RightThigh);
+        let line = |bone: Bone, start: DVec3, end: DVec3| BoneLine { bone, start, end };
+        let mut lines = vec![
+            line(Bone::Thorax, self.joint(Bone::Head), self.joint(Bone::Thorax)),
+            line(Bone::Pelvis, self.joint(Bone::Thorax), hips),
+        ];
+        let pairs = [
+            (Bone::LeftThigh, Bone::LeftShank),
+            (Bone::LeftShank, Bone::LeftFoot),
+            (Bone::RightThigh, Bone::RightShank),
+            (Bone::RightShank, Bone::RightFoot),
+            (Bone::LeftUpperArm, Bone::LeftForearm),
+            (Bone::LeftForearm, Bone::LeftHand),
+            (Bone::RightUpperArm, Bone::RightForearm),
+            (Bone::RightForearm, Bone::RightHand),
+        ];
+        lines.extend(pairs.map(|(bone, next)| line(bone, self.joint(bone), self.joint(next))));
+        lines
     }
 
     pub(crate) fn middle(&self, first: Bone, second: Bone) -> DVec3 {

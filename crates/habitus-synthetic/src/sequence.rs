@@ -1,17 +1,23 @@
 //! A dressed person in motion, captured frame by frame, with the truth that a fit has to find.
 
+use std::path::{Path, PathBuf};
+
 use glam::DVec3;
+use habitus::artifacts::fabric::find_fabric;
 use habitus::artifacts::frames::{FrameError, FrameSource};
+use habitus::artifacts::motion_clip::MotionClip;
+use habitus::artifacts::motion_files::read_joint_motion;
 use habitus::body::{BodyModel, Pose};
+use habitus::fitting::retarget::{RetargetBody, RetargetSettings, retarget};
 use habitus::geometry::{Surface, TriangleMesh};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::animate::Animation;
 use crate::capture::{CaptureSettings, Subject, Substance, capture};
-use crate::cloth::{BodyInterval, Cloth, ClothSettings};
+use crate::cloth::{BodyInterval, Cloth, ClothSettings, Weave};
 use crate::error::SyntheticError;
-use crate::garment::{Drive, Garment, GarmentSettings, Outfit, tailor};
+use crate::garment::{Drive, Garment, GarmentSettings, Outfit, tailor, warp_directions};
 use crate::motion::Motion;
 use crate::random::Random;
 use crate::rest_body::RestBody;
@@ -28,14 +34,24 @@ pub struct DressedSequenceSettings {
     pub source_body: usize,
     /// What the person wears.
     pub outfit: Outfit,
-    /// What the person does.
+    /// What the person does, unless a motion file says it.
     pub motion: Motion,
+    /// Motion capture file that the person follows: BVH, AMC with its ASF, or an AMASS-style archive.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub motion_file: Option<PathBuf>,
+    /// Where in the motion file the first frame is, seconds.
+    pub motion_start_seconds: f64,
     /// Number of captured frames.
     pub frame_count: usize,
     /// Frames per second; P2 §6.1: 30.
     pub frames_per_second: f64,
     /// Time in which the person goes from the rest pose into the motion and the cloth settles, seconds.
     pub settle_seconds: f64,
+    /// Fabric of all garments: a name, or a `.json` file of the 39-number form; none: the numbers of `cloth` alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fabric: Option<String>,
+    /// How a motion file is brought to the person.
+    pub retarget: RetargetSettings,
     /// How the garments are cut.
     pub garment: GarmentSettings,
     /// How the cloth behaves.
@@ -51,9 +67,13 @@ impl Default for DressedSequenceSettings {
             source_body: 0,
             outfit: Outfit::Dress,
             motion: Motion::WalkAndTurn,
+            motion_file: None,
+            motion_start_seconds: 0.0,
+            retarget: RetargetSettings::default(),
             frame_count: 60,
             frames_per_second: 30.0,
             settle_seconds: 1.0,
+            fabric: None,
             garment: GarmentSettings::default(),
             cloth: ClothSettings::default(),
             capture: CaptureSettings::default(),
@@ -146,6 +166,8 @@ pub struct DressedFrame {
 pub struct Performance<'a> {
     model: &'a BodyModel,
     settings: &'a DressedSequenceSettings,
+    /// With what the fabric says.
+    cloth_settings: ClothSettings,
     body: RestBody,
     garments: Vec<Garment>,
     cloths: Vec<Cloth>,
@@ -165,8 +187,20 @@ impl<'a> Performance<'a> {
         settings.check()?;
         let body = RestBody::new(model, rest_vertices)?;
         let garments = tailor(settings.outfit, &body, &settings.garment)?;
-        let phase = Random::named(settings.seed, "phase of the motion").unit();
-        let mut animation = Animation::new(model, &body, settings.motion, phase);
+        Self::dressed(model, body, garments, settings)
+    }
+
+    /// Dresses a body in garments that were cut already.
+    pub fn dressed(
+        model: &'a BodyModel,
+        body: RestBody,
+        garments: Vec<Garment>,
+        settings: &'a DressedSequenceSettings,
+    ) -> Result<Self, SyntheticError> {
+        let fabric = settings.fabric.as_deref().map(find_fabric).transpose()?;
+        let cloth_settings = settings.cloth.made_of(fabric.as_ref());
+        let cloth_settings = &cloth_settings;
+        let mut animation = choreograph(model, &body, settings)?;
         let settle_steps = (settings.settle_seconds * settings.frames_per_second).ceil() as i64;
         let start_time = -(settle_steps as f64) / settings.frames_per_second;
         let pose = animation.next_pose(start_time, 0.0);
@@ -175,9 +209,14 @@ impl<'a> Performance<'a> {
             .iter()
             .map(|garment| {
                 let positions = garment.positions.clone();
+                let warp = match &fabric {
+                    Some(_) => warp_directions(&body, &positions),
+                    None => Vec::new(),
+                };
+                let woven = fabric.as_ref().map(|fabric| Weave { fabric, warp: &warp });
                 let mut cloth =
-                    Cloth::new(positions, &garment.faces, garment.anchors.clone(), &settings.cloth)
-                        .over(garment.layer, &settings.cloth);
+                    Cloth::woven(positions, &garment.faces, garment.anchors.clone(), cloth_settings, woven)
+                        .over(garment.layer, cloth_settings);
                 cloth.shift(shift);
                 cloth
             })
@@ -187,6 +226,7 @@ impl<'a> Performance<'a> {
         Ok(Self {
             model,
             settings,
+            cloth_settings: cloth_settings.clone(),
             body,
             garments,
             cloths,
@@ -233,7 +273,7 @@ impl<'a> Performance<'a> {
         let posed = self.model.skeleton().pose(self.body.joints(), pose.parameters());
         let vertices = self.model.pose_vertices(self.body.positions(), &posed);
         let faces = self.body.faces();
-        let cloth_settings = &self.settings.cloth;
+        let cloth_settings = &self.cloth_settings;
         if self.garments.iter().any(|garment| garment.drive == Drive::Simulated) {
             let interval =
                 BodyInterval::new(faces, &self.body_vertices, &vertices, 1.0 / rate, cloth_settings)?;
@@ -257,6 +297,48 @@ impl<'a> Performance<'a> {
             self.model.landmark_vertices().iter().map(|&vertex| vertices[vertex as usize]).collect();
         Ok(Scene { pose, joints: posed.joints, body_vertices: vertices, landmarks, garment_positions })
     }
+}
+
+/// The motion of the settings on this body.
+fn choreograph<'a>(
+    model: &'a BodyModel,
+    body: &RestBody,
+    settings: &DressedSequenceSettings,
+) -> Result<Animation<'a>, SyntheticError> {
+    let Some(path) = &settings.motion_file else {
+        let phase = Random::named(settings.seed, "phase of the motion").unit();
+        return Ok(Animation::new(model, body, settings.motion, phase));
+    };
+    let clip = clip_for(model, body.positions(), path, &settings.retarget)?;
+    let needed =
+        settings.motion_start_seconds + (settings.frame_count - 1) as f64 / settings.frames_per_second;
+    // A clip of 3 s at 30 frames/s is 2.97 s long from its first to its last pose.
+    if needed > clip.duration() + 1.5 / settings.frames_per_second {
+        return Err(SyntheticError::Setting {
+            setting: "frame_count",
+            value: settings.frame_count.to_string(),
+            expected: format!(
+                "at most {} with this motion file from {} s on",
+                ((clip.duration() - settings.motion_start_seconds).max(0.0) * settings.frames_per_second)
+                    as usize
+                    + 1,
+                settings.motion_start_seconds
+            ),
+        });
+    }
+    Animation::captured(model, body, clip, settings.motion_start_seconds)
+        .ok_or_else(|| SyntheticError::File { path: path.clone(), reason: "holds no frame of motion".into() })
+}
+
+/// A motion file as poses of a body.
+pub fn clip_for(
+    model: &BodyModel,
+    rest_vertices: &[DVec3],
+    path: &Path,
+    settings: &RetargetSettings,
+) -> Result<MotionClip, SyntheticError> {
+    let motion = read_joint_motion(path)?;
+    Ok(retarget(&motion, &RetargetBody::new(model, rest_vertices)?, settings)?)
 }
 
 /// What the cameras need to know about a performance: the faces of the body and of each garment.

@@ -8,6 +8,7 @@ mod body_interval;
 mod tests;
 
 use glam::DVec3;
+use habitus::artifacts::fabric::Fabric;
 use habitus::geometry::{SurfaceIndex, vertex_normals, vertex_normals_into};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -97,6 +98,17 @@ const LARGEST_PUSH: f64 = 0.002;
 struct Distance {
     vertices: [u32; 2],
     rest_length: f64,
+    /// Inverse stiffness when stretched and when compressed, m/N.
+    compliances: [f64; 2],
+}
+
+/// What cloth is woven of, and how it lies on the garment.
+#[derive(Debug, Clone, Copy)]
+pub struct Weave<'a> {
+    /// The fabric.
+    pub fabric: &'a Fabric,
+    /// Direction of the warp at each vertex of the cut garment.
+    pub warp: &'a [DVec3],
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -129,6 +141,17 @@ impl Cloth {
         anchors: Vec<Anchor>,
         settings: &ClothSettings,
     ) -> Self {
+        Self::woven(positions, faces, anchors, settings, None)
+    }
+
+    /// The same of a fabric that is not equally stiff along all directions.
+    pub fn woven(
+        positions: Vec<DVec3>,
+        faces: &[[u32; 3]],
+        anchors: Vec<Anchor>,
+        settings: &ClothSettings,
+        weave: Option<Weave<'_>>,
+    ) -> Self {
         let mut masses = vec![0.0; positions.len()];
         for face in faces {
             let [a, b, c] = face.map(|vertex| positions[vertex as usize]);
@@ -137,7 +160,7 @@ impl Cloth {
                 masses[*vertex as usize] += share;
             }
         }
-        let (edges, bends) = distance_constraints(&positions, faces);
+        let (edges, bends) = distance_constraints(&positions, faces, settings, weave);
         Self {
             velocities: vec![DVec3::ZERO; positions.len()],
             inverse_masses: masses
@@ -242,10 +265,8 @@ impl Cloth {
         self.previous.copy_from_slice(&self.positions);
         self.move_freely(air, span.seconds, settings);
         let step = span.seconds;
-        let compliances = [settings.stretch_compliance, settings.compression_compliance];
-        project_distances(&mut self.positions, &self.inverse_masses, &self.edges, compliances, step);
-        let compliances = [settings.bending_compliance; 2];
-        project_distances(&mut self.positions, &self.inverse_masses, &self.bends, compliances, step);
+        project_distances(&mut self.positions, &self.inverse_masses, &self.edges, step);
+        project_distances(&mut self.positions, &self.inverse_masses, &self.bends, step);
         self.project_anchors(anchored, span);
         self.project_contacts(span, settings);
         for ((velocity, position), previous) in
@@ -330,29 +351,24 @@ struct Span {
     seconds: f64,
 }
 
-/// One Gauss–Seidel sweep; the first compliance holds for stretched, the second for compressed pairs.
+/// One Gauss–Seidel sweep.
 ///
 /// Always in the same direction: sweeps that alternate leave residuals that alternate, which become velocities.
-fn project_distances(
-    positions: &mut [DVec3],
-    inverse_masses: &[f64],
-    constraints: &[Distance],
-    compliances: [f64; 2],
-    step: f64,
-) {
-    let softness = compliances.map(|compliance| compliance / (step * step));
+fn project_distances(positions: &mut [DVec3], inverse_masses: &[f64], constraints: &[Distance], step: f64) {
+    let per_step = 1.0 / (step * step);
     for constraint in constraints {
-        constraint.project(positions, inverse_masses, softness);
+        constraint.project(positions, inverse_masses, per_step);
     }
 }
 
 impl Distance {
-    fn project(&self, positions: &mut [DVec3], inverse_masses: &[f64], [stretched, compressed]: [f64; 2]) {
+    fn project(&self, positions: &mut [DVec3], inverse_masses: &[f64], per_step: f64) {
         let [a, b] = self.vertices.map(|vertex| vertex as usize);
         let difference = positions[b] - positions[a];
         let length = difference.length();
         let excess = length - self.rest_length;
-        let softness = if excess > 0.0 { stretched } else { compressed };
+        let [stretched, compressed] = self.compliances;
+        let softness = if excess > 0.0 { stretched } else { compressed } * per_step;
         let total = inverse_masses[a] + inverse_masses[b] + softness;
         if length <= 0.0 || total <= 0.0 {
             return;
@@ -364,7 +380,12 @@ impl Distance {
 }
 
 /// Edges against stretch, and pairs of vertices across each inner edge against bending.
-fn distance_constraints(positions: &[DVec3], faces: &[[u32; 3]]) -> (Vec<Distance>, Vec<Distance>) {
+fn distance_constraints(
+    positions: &[DVec3],
+    faces: &[[u32; 3]],
+    settings: &ClothSettings,
+    weave: Option<Weave<'_>>,
+) -> (Vec<Distance>, Vec<Distance>) {
     let mut sides: Vec<([u32; 2], u32)> = faces
         .iter()
         .flat_map(|&[a, b, c]| {
@@ -372,19 +393,72 @@ fn distance_constraints(positions: &[DVec3], faces: &[[u32; 3]]) -> (Vec<Distanc
         })
         .collect();
     sides.sort_unstable();
-    let distance = |vertices: [u32; 2]| {
-        let [a, b] = vertices.map(|vertex| positions[vertex as usize]);
-        Distance { vertices, rest_length: a.distance(b) }
+    let place = |vertex: u32| positions[vertex as usize];
+    let distance = |vertices: [u32; 2], compliances: [f64; 2]| {
+        let rest_length = place(vertices[0]).distance(place(vertices[1]));
+        Distance { vertices, rest_length, compliances }
     };
     let mut edges = Vec::new();
     let mut bends = Vec::new();
     for group in sides.chunk_by(|first, second| first.0 == second.0) {
-        edges.push(distance(group[0].0));
+        let edge = group[0].0;
+        let [a, b] = edge.map(place);
+        let area: f64 =
+            group.iter().map(|(_, tip)| (b - a).cross(place(*tip) - a).length() * 0.5).sum::<f64>() / 3.0;
+        let stretch =
+            weave.map_or(settings.stretch_compliance, |weave| weave.edge_compliance(edge, b - a, area));
+        edges.push(distance(edge, [stretch, settings.compression_compliance.max(stretch)]));
         if let [(_, first), (_, second)] = group
             && first != second
         {
-            bends.push(distance([*first, *second]));
+            let across = place(*second) - place(*first);
+            let bend =
+                weave.map_or(settings.bending_compliance, |weave| weave.bend_compliance(edge, across, area));
+            bends.push(distance([*first, *second], [bend; 2]));
         }
     }
     (edges, bends)
+}
+
+/// Radius of the fold at which the spring across an edge holds the energy of a bent sheet, metres.
+const FOLD_RADIUS: f64 = 0.03;
+
+impl Weave<'_> {
+    /// Cosine of a direction with the warp at an edge.
+    fn cosine(&self, edge: [u32; 2], direction: DVec3) -> f64 {
+        let warp = self.warp[edge[0] as usize] + self.warp[edge[1] as usize];
+        warp.normalize_or_zero().dot(direction.normalize_or_zero())
+    }
+
+    /// Inverse stiffness of an edge that stands for a share of a sheet's `area`: k = 3 E A / L², which makes a lattice
+    /// of equilateral triangles as stiff as the sheet (k = √3/2 · E).
+    fn edge_compliance(&self, edge: [u32; 2], along: DVec3, area: f64) -> f64 {
+        let modulus = self.fabric.stretch_along(self.cosine(edge, along));
+        along.length_squared() / (3.0 * modulus * area.max(1e-12))
+    }
+
+    /// Inverse stiffness of the spring across an edge. A sheet of rigidity B bent to a radius R holds ½ B A / R² on the
+    /// area A; the spring of length 2h is then shorter by δ = h φ² / 4 with φ = h / R, and holds ½ k δ². The spring is
+    /// softer in flatter folds and stiffer in sharper ones.
+    fn bend_compliance(&self, edge: [u32; 2], across: DVec3, area: f64) -> f64 {
+        let rigidity = self.fabric.bend_along(self.cosine(edge, across));
+        let height = across.length() * 0.5;
+        let angle = height / FOLD_RADIUS;
+        let shortening = height * angle * angle / 4.0;
+        shortening * shortening * FOLD_RADIUS * FOLD_RADIUS / (rigidity * 2.0 * area.max(1e-12))
+    }
+}
+
+impl ClothSettings {
+    /// These settings with the mass, damping and friction of a fabric.
+    #[must_use]
+    pub fn made_of(&self, fabric: Option<&Fabric>) -> Self {
+        let Some(fabric) = fabric else { return self.clone() };
+        Self {
+            density: fabric.density,
+            internal_damping: fabric.damping,
+            friction: fabric.friction,
+            ..self.clone()
+        }
+    }
 }
