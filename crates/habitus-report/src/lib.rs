@@ -6,6 +6,7 @@
 
 mod captured_body;
 pub mod clothing_stills;
+pub mod dressing_room;
 pub mod render;
 pub mod report;
 pub mod review;

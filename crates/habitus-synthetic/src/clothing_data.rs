@@ -493,3 +493,72 @@ pub fn truth_as_fit(
     };
     RiggedSequence { sequence, rig: Rig::of(model) }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use habitus::artifacts::sequence_files::read_fit;
+
+    use super::*;
+
+    #[test]
+    fn the_sets_have_the_sequences_of_the_paper() {
+        let model = BodyModel::default_space().unwrap();
+        let set = |set| plan(&model, set, SetSize::Full, 3, &[]).unwrap();
+        let fabrics = set(ClothingSet::Fabrics);
+        assert_eq!(fabrics.len(), 8);
+        assert!(fabrics.iter().all(|sequence| sequence.identity == fabrics[0].identity));
+        assert!(fabrics.iter().all(|sequence| sequence.parameters.len() == 39));
+        let sizes = set(ClothingSet::Sizes);
+        assert_eq!(sizes.len(), 8);
+        let people: BTreeSet<String> =
+            sizes.iter().map(|sequence| format!("{:?}", sequence.identity)).collect();
+        assert_eq!(people.len(), 8);
+        for column in 0..3 {
+            let steps: BTreeSet<u64> = SIZE_STEPS.iter().map(|row| row[column] as u64).collect();
+            assert_eq!(steps.len(), 8, "each step once");
+        }
+        assert_eq!(set(ClothingSet::Motions).len(), 4);
+    }
+
+    #[test]
+    fn a_clothing_sequence_is_a_run_whose_fit_is_the_truth() {
+        let model = BodyModel::default_space().unwrap();
+        let mut sequence = plan(&model, ClothingSet::Sizes, SetSize::Small, 1, &[]).unwrap().remove(2);
+        sequence.settings.frame_count = 2;
+        sequence.settings.settle_seconds = 0.3;
+        sequence.settings.garment.cloth_edge_mm = 45.0;
+        sequence.settings.cloth.substeps_per_second = 600.0;
+        let folder = tempfile::tempdir().unwrap();
+        let made = write_clothing_sequence(&model, &sequence, folder.path()).unwrap();
+        assert_eq!((made.frames, made.parameters.len()), (2, 3));
+        assert!(made.parameters.values().all(|ratio| (0.5..2.5).contains(ratio)), "{:?}", made.parameters);
+        let fit = read_fit(&folder.path().join("3_fit_sequence/fit.npz")).unwrap();
+        let rest = model.rest_vertices(&sequence.identity);
+        for (stored, rest) in fit.sequence.rest_vertices.iter().zip(&rest) {
+            assert!(stored.distance(*rest) < 1e-6);
+        }
+        let origin = CaptureOrigin::read(folder.path()).unwrap();
+        let frames = origin.frames().unwrap();
+        let names: Vec<&String> = fit.sequence.frames.iter().map(|frame| &frame.name).collect();
+        use habitus::artifacts::frames::FrameSource;
+        assert_eq!(names, [&frames.name(0), &frames.name(1)]);
+        // Made once: the second call finds it, and gives the same summary.
+        std::fs::remove_file(folder.path().join("0_scans/frame_0000.ply")).unwrap();
+        assert_eq!(write_clothing_sequence(&model, &sequence, folder.path()).unwrap(), made);
+        assert!(!folder.path().join("0_scans/frame_0000.ply").exists());
+    }
+
+    #[test]
+    fn a_girth_is_that_of_a_tape() {
+        let circle: Vec<DVec3> = (0..720)
+            .map(|degree| {
+                let angle = f64::from(degree).to_radians();
+                DVec3::new(angle.cos(), 1.0, angle.sin())
+            })
+            .chain([DVec3::Y, DVec3::new(0.3, 1.01, -0.2), DVec3::new(5.0, 2.0, 5.0)])
+            .collect();
+        assert!((girth(circle.iter(), 1.0) - std::f64::consts::TAU).abs() < 1e-4);
+    }
+}

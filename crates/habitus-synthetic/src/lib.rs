@@ -10,6 +10,7 @@
 #![deny(missing_docs)]
 
 pub mod animate;
+pub mod benchmark;
 pub mod capture;
 mod carve;
 pub mod cloth;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use clap::{Args, ValueEnum};
+use clap::{Args, Subcommand, ValueEnum};
 use habitus::body::BodyModel;
 use habitus::evaluation::sequence_accuracy::SequenceTruth;
 use habitus_synthetic::capture::CaptureMode;
@@ -15,6 +15,7 @@ use habitus_synthetic::source_bodies::source_body_names;
 use habitus_synthetic::truth::{DressedTruth, TRUTH_FILE, capture_file, write_sequence};
 
 use crate::Outcome;
+use crate::commands::generate_sets;
 use crate::config_file::SettingsArguments;
 use crate::console::Console;
 use crate::progress::StageBar;
@@ -23,17 +24,23 @@ const EXAMPLES: &str = "\
 Examples:
   habitus generate -o dressed
   habitus generate -o dressed --outfit shirt-and-trousers --motion knee-pulls --subject 3
+  habitus generate -o dressed --motion-file walk.bvh --fabric silk-satin
+  habitus generate clothing-data fabrics -o fabrics
+  habitus generate benchmark --preset small -o benchmark
 
-Writes frame_0000.ply … and truth.npz: rest body, poses, joints and posed bodies in metres, y up.
+Without a kind it writes frame_0000.ply … and truth.npz: rest body, poses, joints and posed bodies in metres, y up.
 The bodies are not instances of the body model that is fitted.";
 
 /// Arguments of the verb.
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = EXAMPLES, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct GenerateArguments {
+    /// Another kind of captures than a dressed sequence
+    #[command(subcommand)]
+    pub kind: Option<GenerateKind>,
     /// Folder for captures and truth
-    #[arg(long, short, value_name = "DIR")]
-    pub output: PathBuf,
+    #[arg(long, short, value_name = "DIR", required = true)]
+    pub output: Option<PathBuf>,
     /// Start of all random numbers
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
@@ -46,6 +53,12 @@ pub struct GenerateArguments {
     /// What the person does
     #[arg(long, value_enum)]
     pub motion: Option<MotionName>,
+    /// Motion capture file that the person follows instead: .bvh, .amc with its .asf, or an AMASS .npz
+    #[arg(long, value_name = "FILE", conflicts_with = "motion")]
+    pub motion_file: Option<PathBuf>,
+    /// Fabric of the clothes: a name such as denim, or a .json file of the 39-number form
+    #[arg(long, value_name = "FABRIC")]
+    pub fabric: Option<String>,
     /// Which person: a number from 0, or a name
     #[arg(long, value_name = "SUBJECT")]
     pub subject: Option<String>,
@@ -60,6 +73,17 @@ pub struct GenerateArguments {
     pub settings: SettingsArguments,
 }
 
+/// Other kinds of captures.
+#[derive(Debug, Subcommand)]
+pub enum GenerateKind {
+    /// Sequences with truth for clothing models
+    #[command(after_help = generate_sets::CLOTHING_EXAMPLES)]
+    ClothingData(generate_sets::ClothingDataArguments),
+    /// Subjects × motions × styles with truth, for fits under clothing
+    #[command(after_help = generate_sets::BENCHMARK_EXAMPLES)]
+    Benchmark(generate_sets::BenchmarkArguments),
+}
+
 /// Names of the outfits.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum OutfitName {
@@ -69,6 +93,10 @@ pub enum OutfitName {
     ShirtAndTrousers,
     /// A suit like a second skin
     Tight,
+    /// Shorts and a T-shirt
+    ShortsAndTShirt,
+    /// Wide trousers under a T-shirt
+    TShirtAndTrousers,
 }
 
 /// Names of the motions.
@@ -93,11 +121,26 @@ pub enum CaptureName {
     VisualHull,
 }
 
+impl CaptureName {
+    /// The library's word.
+    pub fn mode(self) -> CaptureMode {
+        match self {
+            Self::Scanner => CaptureMode::Scanner,
+            Self::VisualHull => CaptureMode::VisualHull,
+        }
+    }
+}
+
 /// Makes a sequence.
 pub fn run(arguments: &GenerateArguments, console: &Console) -> anyhow::Result<Outcome> {
+    match &arguments.kind {
+        Some(GenerateKind::ClothingData(data)) => return generate_sets::run_clothing_data(data, console),
+        Some(GenerateKind::Benchmark(benchmark)) => return generate_sets::run_benchmark(benchmark, console),
+        None => {}
+    }
     let settings = settings(arguments)?;
     let model = BodyModel::default_space()?;
-    let folder = &arguments.output;
+    let folder = arguments.output.as_ref().context("--output DIR is needed")?;
     let truth = make_sequence(&model, &settings, folder, arguments.force, console)?;
     console.note(format!("{} frames with truth", truth.posed_vertices.len()));
     console.result(folder.display());
@@ -113,6 +156,8 @@ fn settings(arguments: &GenerateArguments) -> anyhow::Result<DressedSequenceSett
             OutfitName::Dress => Outfit::Dress,
             OutfitName::ShirtAndTrousers => Outfit::ShirtAndTrousers,
             OutfitName::Tight => Outfit::Tight,
+            OutfitName::ShortsAndTShirt => Outfit::ShortsAndTShirt,
+            OutfitName::TShirtAndTrousers => Outfit::TShirtAndTrousers,
         };
     }
     if let Some(motion) = arguments.motion {
@@ -123,11 +168,14 @@ fn settings(arguments: &GenerateArguments) -> anyhow::Result<DressedSequenceSett
             MotionName::KneePulls => Motion::KneePulls,
         };
     }
+    if arguments.motion_file.is_some() {
+        settings.motion_file.clone_from(&arguments.motion_file);
+    }
+    if arguments.fabric.is_some() {
+        settings.fabric.clone_from(&arguments.fabric);
+    }
     if let Some(capture) = arguments.capture {
-        settings.capture.mode = match capture {
-            CaptureName::Scanner => CaptureMode::Scanner,
-            CaptureName::VisualHull => CaptureMode::VisualHull,
-        };
+        settings.capture.mode = capture.mode();
     }
     if let Some(subject) = &arguments.subject {
         let names = source_body_names()?;

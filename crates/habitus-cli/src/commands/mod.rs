@@ -8,6 +8,7 @@ pub mod export;
 pub mod extract_clothing;
 pub mod fit_sequence;
 pub mod generate;
+pub mod generate_sets;
 pub mod measure;
 pub mod render;
 pub mod report;

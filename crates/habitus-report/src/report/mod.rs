@@ -23,6 +23,7 @@ pub use data::{
     LandmarkView, MeasurementRow, ModelView, Percentiles, ReportData, ReportOptions, Timing, TruthRow,
 };
 pub(crate) use decimate::decimated;
+pub(crate) use markup::escaped;
 pub use page::page;
 pub(crate) use plan::view_frames;
 

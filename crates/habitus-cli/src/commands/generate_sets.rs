@@ -1,0 +1,177 @@
+//! `habitus generate clothing-data` and `habitus generate benchmark`.
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+use clap::{Args, ValueEnum};
+use habitus::body::BodyModel;
+use habitus_synthetic::benchmark::{self, write_benchmark_sequence, write_index};
+use habitus_synthetic::capture::CaptureMode;
+use habitus_synthetic::clothing_data::{self, ClothingSet, SetSize, write_clothing_data};
+
+use crate::Outcome;
+use crate::console::Console;
+use crate::progress::StageBar;
+
+/// Examples of `generate clothing-data`.
+pub const CLOTHING_EXAMPLES: &str = "\
+Examples:
+  habitus generate clothing-data fabrics -o fabrics --preset small
+  habitus generate clothing-data motions -o motions --motion-file walk.bvh --motion-file 02_01.amc
+  habitus extract-clothing fabrics/denim --aligned -o fabrics/denim
+
+Each sequence is a run folder whose fit is the exact truth and whose captures are the garments in one
+topology. parameters.csv holds what varies, summary.json how well the cloth stayed out of the body.
+What is finished is not made again.";
+
+/// Examples of `generate benchmark`.
+pub const BENCHMARK_EXAMPLES: &str = "\
+Examples:
+  habitus generate benchmark --preset small -o benchmark
+  habitus generate benchmark --preset paper -o benchmark --capture visual-hull --capture scanner
+
+Each sequence is a folder of frames with truth.npz, as `habitus generate` writes it; benchmark.json
+lists them. What is finished is not made again.";
+
+/// What varies over the sequences.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ClothingSetName {
+    /// One person, garment and motion in eight fabrics
+    Fabrics,
+    /// Eight people walking in shorts and T-shirts of different sizes
+    Sizes,
+    /// One person and garment in several motions
+    Motions,
+}
+
+/// How large a clothing data set is.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ClothingPreset {
+    /// Coarse cloth and short sequences
+    Small,
+    /// Fine cloth and sequences of five seconds
+    Full,
+}
+
+/// How large the benchmark is.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum BenchmarkPreset {
+    /// Two subjects, six short and coarse sequences
+    Small,
+    /// Six subjects, three motions and three styles: 54 sequences
+    Paper,
+}
+
+/// Arguments of `generate clothing-data`.
+#[derive(Debug, Args)]
+pub struct ClothingDataArguments {
+    /// What varies
+    #[arg(value_enum)]
+    pub set: ClothingSetName,
+    /// Folder for the sequences
+    #[arg(long, short, value_name = "DIR")]
+    pub output: PathBuf,
+    /// How large the data set is
+    #[arg(long, value_enum, default_value = "small")]
+    pub preset: ClothingPreset,
+    /// Motion capture file (.bvh, .amc or AMASS .npz): a further motion, or that of all sequences; may be repeated
+    #[arg(long = "motion-file", value_name = "FILE")]
+    pub motion_files: Vec<PathBuf>,
+    /// Start of all random numbers
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// Arguments of `generate benchmark`.
+#[derive(Debug, Args)]
+pub struct BenchmarkArguments {
+    /// Folder for the sequences
+    #[arg(long, short, value_name = "DIR")]
+    pub output: PathBuf,
+    /// How large the benchmark is
+    #[arg(long, value_enum, default_value = "small")]
+    pub preset: BenchmarkPreset,
+    /// How the people are captured; may be repeated
+    #[arg(long = "capture", value_enum, default_values = ["visual-hull"])]
+    pub captures: Vec<super::generate::CaptureName>,
+    /// Motion capture file of a further motion; may be repeated
+    #[arg(long = "motion-file", value_name = "FILE")]
+    pub motion_files: Vec<PathBuf>,
+    /// Start of all random numbers
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// Makes a clothing data set.
+pub fn run_clothing_data(arguments: &ClothingDataArguments, console: &Console) -> anyhow::Result<Outcome> {
+    let model = BodyModel::default_space()?;
+    let set = match arguments.set {
+        ClothingSetName::Fabrics => ClothingSet::Fabrics,
+        ClothingSetName::Sizes => ClothingSet::Sizes,
+        ClothingSetName::Motions => ClothingSet::Motions,
+    };
+    let size = match arguments.preset {
+        ClothingPreset::Small => SetSize::Small,
+        ClothingPreset::Full => SetSize::Full,
+    };
+    let sequences = clothing_data::plan(&model, set, size, arguments.seed, &arguments.motion_files)?;
+    let bar = Mutex::new((StageBar::new(console), 0));
+    let progress = || {
+        if let Ok(mut bar) = bar.lock() {
+            bar.1 += 1;
+            let done = bar.1;
+            bar.0.show("make", done, sequences.len());
+        }
+    };
+    let made = write_clothing_data(&model, &sequences, &arguments.output, &progress);
+    if let Ok(mut bar) = bar.lock() {
+        bar.0.clear();
+    }
+    let made = made?;
+    for sequence in &made {
+        match &sequence.error {
+            Some(error) => console.warning(format!("{}: {error}", sequence.name)),
+            None => console.note(format!(
+                "{}: {} frames of {} vertices, {:.2} % of them inside the body, by {:.1} mm at most",
+                sequence.name,
+                sequence.frames,
+                sequence.clothing_vertices,
+                sequence.inside_share * 100.0,
+                sequence.deepest_mm
+            )),
+        }
+    }
+    console.result(arguments.output.display());
+    let is_whole = made.iter().all(|sequence| sequence.error.is_none());
+    Ok(if is_whole { Outcome::Fine } else { Outcome::Doubtful })
+}
+
+/// Makes the benchmark.
+pub fn run_benchmark(arguments: &BenchmarkArguments, console: &Console) -> anyhow::Result<Outcome> {
+    let model = BodyModel::default_space()?;
+    let size = match arguments.preset {
+        BenchmarkPreset::Small => SetSize::Small,
+        BenchmarkPreset::Paper => SetSize::Full,
+    };
+    let captures: Vec<CaptureMode> = arguments.captures.iter().map(|capture| capture.mode()).collect();
+    let sequences = benchmark::plan(size, &captures, arguments.seed, &arguments.motion_files)?;
+    write_index(&sequences, &arguments.output)?;
+    let mut failed = 0;
+    for sequence in &sequences {
+        let mut bar = StageBar::new(console);
+        let made = write_benchmark_sequence(&model, sequence, &arguments.output, &mut |done, total| {
+            bar.show("make", done, total);
+        });
+        bar.clear();
+        match made {
+            Ok(true) => console.note(format!("{}: {} frames", sequence.name, sequence.settings.frame_count)),
+            Ok(false) => console.note(format!("{}: already made", sequence.name)),
+            Err(error) => {
+                failed += 1;
+                console.warning(format!("{}: {error}", sequence.name));
+            }
+        }
+    }
+    console.result(arguments.output.display());
+    Ok(if failed == 0 { Outcome::Fine } else { Outcome::Doubtful })
+}
