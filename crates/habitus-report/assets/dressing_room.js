@@ -331,7 +331,7 @@ const buildControls = (room) => {
   const fabric = room.fabrics.length ? [choice("fabric", "Fabric", room.fabrics.map(({ name }) => name))] : [];
   const components = Array.from({ length: room.fabricComponentCount }, (_, k) =>
     slider(`fabric_${k}`, `Component ${k + 1}`, { ...deviations, value: room.fabrics[0]?.components[k] ?? 0 }));
-  const sizes = room.sizes.map((size) => slider(`size_${size.name}`, size.label, { ...size, step: (size.high - size.low) / 100 }));
+  const sizes = room.sizes.map((size) => slider(`size_${size.name}`, size.label, { ...size, step: "any" }));
   const reset = Object.assign(document.createElement("button"), { type: "button", id: "reset", textContent: "As it was" });
   form.append(
     ...group("Motion", [choice("motion", "Motion", room.motions)]), ...group("Size", sizes),

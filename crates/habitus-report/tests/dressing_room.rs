@@ -1,5 +1,5 @@
 //! The dressing room in a headless Chromium, where one is installed, against a server of the test's own.
-#![expect(clippy::expect_used, clippy::print_stderr, reason = "test helpers stand outside test functions")]
+#![allow(clippy::expect_used, clippy::print_stderr, reason = "test helpers stand outside test functions")]
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::{TcpListener, TcpStream};
@@ -45,19 +45,17 @@ const measure = async () => {
     await wait(20);
     await until(isIdle);
   };
-  await wait(300);
-  const [drawn, begin] = [state.framesDrawn, performance.now()];
-  await wait(2000);
-  check.framesPerSecond = (1000 * (state.framesDrawn - drawn)) / (performance.now() - begin);
-  const times = [];
+  await until(() => state.framesDrawn > 0);
+  check.framesDrawn = state.framesDrawn;
   setPlaying(false);
-  for (let k = 0; k < 40; k++) {
+  // Adding components and posing alone: pictures of a software rasteriser say nothing about a graphics card.
+  const count = stage.clothing.componentCount;
+  const times = Array.from({ length: 21 }, (_, k) => {
     const start = performance.now();
-    showFrame(k);
-    stage.draw();
-    times.push(performance.now() - start);
-  }
-  check.medianFrameMilliseconds = times.sort((a, b) => a - b)[20];
+    stage.clothing.dress(stage.sequence.base, stage.sequence.coefficients.subarray(k * count, (k + 1) * count), stage.bonesOf(k));
+    return performance.now() - start;
+  });
+  check.dressMilliseconds = times.sort((a, b) => a - b)[10];
   showFrame(0);
   const both = stage.snapshot();
   check.repeat = changed(both, stage.snapshot());
@@ -280,14 +278,14 @@ fn every_slider_changes_the_picture_and_reset_brings_it_back() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut running = Command::new(browser)
         .args(["--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader"])
-        .args(["--enable-unsafe-swiftshader", "--window-size=1200,860", "--remote-debugging-port=0"])
+        .args(["--enable-unsafe-swiftshader", "--window-size=820,520", "--remote-debugging-port=0"])
         .arg(format!("--user-data-dir={}", folder.path().join("profile").display()))
         .arg(format!("http://{address}/"))
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::null())
         .spawn()
         .expect("the browser starts");
-    let text = receiver.recv_timeout(Duration::from_secs(90));
+    let text = receiver.recv_timeout(Duration::from_secs(150));
     let _ = running.kill();
     let _ = running.wait();
     let check: Value = serde_json::from_str(&text.expect("the page answers in time")).expect("JSON");
@@ -313,5 +311,5 @@ fn every_slider_changes_the_picture_and_reset_brings_it_back() {
         assert!(share(&format!("{name}_back")) == 0.0, "{name}: {check}");
     }
     assert!(check["note"].as_str().expect("text").starts_with("0.0 % of the cloth inside"), "{check}");
-    assert!(share("framesPerSecond") > 0.0);
+    assert!(share("framesDrawn") > 0.0, "it plays: {check}");
 }

@@ -124,7 +124,7 @@ pub fn run_clothing_data(arguments: &ClothingDataArguments, console: &Console) -
         }
     };
     let made = write_clothing_data(&model, &sequences, &arguments.output, &progress);
-    if let Ok(mut bar) = bar.lock() {
+    if let Ok(bar) = bar.lock() {
         bar.0.clear();
     }
     let made = made?;
