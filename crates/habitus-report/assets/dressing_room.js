@@ -53,7 +53,7 @@ class DressedRenderer extends Renderer {
     const gl = this.gl;
     this.programs.clothing = this.program(CLOTHING_VERTEX, CLOTHING_FRAGMENT);
     this.programs.clothingShadow = this.program(CLOTHING_VERTEX, SHADOW_FRAGMENT);
-    this.buffers = { position: gl.createBuffer(), normal: gl.createBuffer(), clearance: gl.createBuffer(), body: gl.createBuffer(), bodyNormal: gl.createBuffer() };
+    this.buffers = { position: gl.createBuffer(), normal: gl.createBuffer(), clearance: gl.createBuffer() };
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
     this.attribute(0, this.buffers.position, clothing.positions, 3, gl.FLOAT, false);
@@ -70,16 +70,6 @@ class DressedRenderer extends Renderer {
     const gl = this.gl;
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
     gl.bufferData(gl.ARRAY_BUFFER, values, gl.DYNAMIC_DRAW);
-  }
-
-  /** The rest body of another build. */
-  setBody(body) {
-    const gl = this.gl;
-    gl.bindVertexArray(this.bodyMesh.array);
-    this.attribute(0, this.buffers.body, body.positions, 3, gl.FLOAT, false);
-    this.upload(this.buffers.bodyNormal, body.normals);
-    gl.vertexAttribPointer(1, 3, gl.BYTE, true, 4, 0);
-    gl.bindVertexArray(null);
   }
 
   setClothing(clothing, clearance) {
@@ -208,7 +198,8 @@ class DressingRoom {
     const ratio = Math.min(2, devicePixelRatio || 1);
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight].map((side) => Math.max(1, Math.round(side * ratio)));
     if (width !== this.canvas.width || height !== this.canvas.height) Object.assign(this.canvas, { width, height });
-    this.request();
+    // At once: a canvas of another size is empty until it is drawn.
+    this.draw();
   }
 
   setSequence(sequence) {
@@ -362,7 +353,7 @@ const query = () => {
   const named = (prefix) => [...form.entries()].filter(([name]) => name.startsWith(prefix)).map(([, value]) => value).join(",");
   const values = { motion: form.get("motion") ?? 0, identity: named("identity_"), fabric: named("fabric_"), sizes: named("size_") };
   if (layers.clearance || layers.penetration) values.clearance = "1";
-  return new URLSearchParams(values).toString();
+  return Object.entries(values).map(([name, value]) => `${name}=${value}`).join(";");
 };
 
 let stage = null;
@@ -381,7 +372,7 @@ const answer = async () => {
     const wanted = waiting;
     const begin = performance.now();
     try {
-      const response = await fetch(`/sequence?${wanted}`);
+      const response = await fetch(`/sequence/${wanted}`);
       if (!response.ok) throw new Error(await response.text());
       stage.setSequence(readSequence(await response.arrayBuffer(), stage.room));
       element("answer").textContent = `answered in ${Math.round(performance.now() - begin)} ms`;

@@ -214,21 +214,15 @@ fn serve(
         }
     }
     let target = line.split_whitespace().nth(1).unwrap_or("/").to_string();
-    let (path, query) = target.split_once('?').unwrap_or((&target, ""));
-    let (kind, body) = match path {
+    let (kind, body) = match target.as_str() {
         "/" => ("text/html", scene.page().into_bytes()),
         "/style.css" => ("text/css", DressingScene::style().into_bytes()),
         "/script.js" => ("text/javascript", (DressingScene::script() + MEASURE).into_bytes()),
         "/scene.json" => ("application/json", scene.head().to_string().into_bytes()),
         "/scene.bin" => ("application/octet-stream", scene.bytes()),
-        "/sequence" => {
-            let query = query.replace("%2C", ",");
-            let pairs: Vec<(String, String)> = query
-                .split('&')
-                .filter_map(|pair| pair.split_once('='))
-                .map(|(name, value)| (name.into(), value.into()))
-                .collect();
-            let choice = scene.choice(&pairs).expect("the page asks for what its sliders can say");
+        question if question.starts_with("/sequence/") => {
+            let question = question.trim_start_matches("/sequence/");
+            let choice = scene.choice(question).expect("the page asks for what its sliders can say");
             ("application/octet-stream", answer(&choice).bytes())
         }
         "/check" => {

@@ -217,10 +217,11 @@ impl DressingScene {
         shares.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
     }
 
-    /// Reads what the sliders say from the names and values of a question; everything is checked against the scene.
-    pub fn choice(&self, query: &[(String, String)]) -> Result<DressingChoice, DressingError> {
+    /// Reads what the sliders say, as the script writes it into the path: `motion=0;identity=0,1.5;fabric=;sizes=1`.
+    /// Everything is checked against the scene.
+    pub fn choice(&self, question: &str) -> Result<DressingChoice, DressingError> {
         let values: BTreeMap<&str, &str> =
-            query.iter().map(|(name, value)| (name.as_str(), value.as_str())).collect();
+            question.split(';').filter_map(|pair| pair.split_once('=')).collect();
         let text = |name: &str| values.get(name).copied().unwrap_or_default();
         let refuse = |name, value: &str, expected: String| {
             Err(DressingError::Choice { name, value: value.into(), expected })
@@ -344,15 +345,9 @@ mod tests {
         }
     }
 
-    fn query(text: &str) -> Vec<(String, String)> {
-        let pairs = text.split('&').filter_map(|pair| pair.split_once('='));
-        pairs.map(|(name, value)| (name.into(), value.into())).collect()
-    }
-
     #[test]
     fn sliders_are_read_and_checked_against_their_ends() {
-        let choice =
-            scene().choice(&query("motion=1&identity=0.5,-3&fabric=&sizes=1.25&clearance=1")).unwrap();
+        let choice = scene().choice("motion=1;identity=0.5,-3;fabric=;sizes=1.25;clearance=1").unwrap();
         let expected = DressingChoice {
             motion: 1,
             identity: vec![0.5, -3.0],
@@ -362,16 +357,16 @@ mod tests {
         };
         assert_eq!(choice, expected);
         for broken in [
-            "motion=2&identity=0,0&sizes=1",
-            "motion=-1&identity=0,0&sizes=1",
-            "motion=0&identity=0&sizes=1",
-            "motion=0&identity=0,4&sizes=1",
-            "motion=0&identity=0,NaN&sizes=1",
-            "motion=0&identity=0,0&sizes=1e9",
-            "motion=0&identity=0,0,0,0,0&sizes=1",
+            "motion=2;identity=0,0;sizes=1",
+            "motion=-1;identity=0,0;sizes=1",
+            "motion=0;identity=0;sizes=1",
+            "motion=0;identity=0,4;sizes=1",
+            "motion=0;identity=0,NaN;sizes=1",
+            "motion=0;identity=0,0;sizes=1e9",
+            "motion=0;identity=0,0,0,0,0;sizes=1",
             "",
         ] {
-            assert!(scene().choice(&query(broken)).is_err(), "{broken}");
+            assert!(scene().choice(broken).is_err(), "{broken}");
         }
     }
 
