@@ -45,6 +45,15 @@ fn help_texts_are_as_they_were_read_last() {
 }
 
 #[test]
+fn help_texts_of_what_generate_makes_are_as_they_were_read_last() {
+    for kind in ["clothing-data", "benchmark"] {
+        let help = run(words!["generate", kind, "--help"]).expect(0).result;
+        expect_snapshot(&format!("help_generate_{kind}"), &help);
+        assert!(help.contains(&format!("  habitus generate {kind}")), "{kind} has no example");
+    }
+}
+
+#[test]
 fn every_verb_shows_examples_of_itself() {
     for verb in VERBS.iter().filter(|verb| **verb != "evaluate") {
         let help = run(words![*verb, "--help"]).expect(0).result;
