@@ -438,15 +438,15 @@ impl Weave<'_> {
     }
 
     /// Inverse stiffness of the spring across an edge. A sheet of rigidity B bent to a radius R holds ½ B A / R² on the
-    /// area A. A spring of length 2h along the bend is then shorter by δ = h φ² / 4 with φ = h / R; one at an angle θ to
-    /// it by δ cos⁴θ, so that a lattice of springs holds ½ k δ² times the mean of cos⁸θ. Flatter folds meet a softer
-    /// spring, sharper ones a stiffer.
+    /// area A. A spring of length 2h along the bend is then the chord of an arc, shorter by δ = h φ² / 3 with φ = h / R;
+    /// one at an angle θ to it by δ cos⁴θ, so that a lattice of springs holds ½ k δ² times the mean of cos⁸θ. Flatter
+    /// folds meet a softer spring, sharper ones a stiffer.
     fn bend_compliance(&self, edge: [u32; 2], across: DVec3, area: f64) -> f64 {
         const MEAN_OF_COS_8: f64 = 35.0 / 128.0;
         let rigidity = self.fabric.bend_along(self.cosine(edge, across));
         let height = across.length() * 0.5;
         let angle = height / FOLD_RADIUS;
-        let shortening = height * angle * angle / 4.0;
+        let shortening = height * angle * angle / 3.0;
         (shortening * FOLD_RADIUS).powi(2) * MEAN_OF_COS_8 / (rigidity * area.max(1e-12))
     }
 }
