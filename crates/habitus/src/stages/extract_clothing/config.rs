@@ -78,6 +78,8 @@ pub struct AlignmentConfig {
     pub template_candidates: usize,
     /// Connected pieces with a smaller share of a capture's area are dropped.
     pub smallest_component_share: f64,
+    /// Edges of the template below this length in metres are collapsed: slivers turn over at a touch.
+    pub shortest_edge: f64,
     /// Neighbours for the normals of clouds that have none.
     pub normal_neighbours: usize,
     /// Nodes of the deformation graph.
@@ -120,6 +122,7 @@ impl Default for AlignmentConfig {
             template_frame: None,
             template_candidates: 12,
             smallest_component_share: 0.02,
+            shortest_edge: 0.004,
             normal_neighbours: 12,
             nodes: 600,
             rounds: 10,

@@ -1,7 +1,7 @@
 //! The dressed surface that all frames of a sequence, or of several, are bent from.
 
 use glam::DVec3;
-use habitus_geometry::{TriangleMesh, remove_small_components, weld};
+use habitus_geometry::{Topology, TriangleMesh, remove_small_components, weld};
 
 use super::super::config::ExtractClothingConfig;
 use super::super::offsets::Unposing;
@@ -56,9 +56,10 @@ impl ClothingTemplate {
                 Err(reason) => first_reason = reason,
             }
         }
-        let Some((_, frame, shape)) = best else {
+        let Some((_, frame, captured)) = best else {
             return Err(ExtractClothingError::NoUsableFrame { first_reason });
         };
+        let shape = without_short_edges(&captured, config.alignment.shortest_edge).unwrap_or(captured);
         let seen = [Observed { frame, clothing: shape.clone() }];
         let (association, _) = associate_frames(fit, &seen, &config.association)?;
         let unposing = Unposing::new(fit, &association);
@@ -141,6 +142,39 @@ pub(super) fn cleaned(positions: &[DVec3], faces: &[[u32; 3]], smallest_share: f
     let welded = weld(positions, faces, WELD_DISTANCE);
     let mesh = TriangleMesh::new(welded.positions, welded.faces).ok()?;
     Some(remove_small_components(&mesh, smallest_share).0)
+}
+
+/// The same surface with edges below a length collapsed, the shortest first; `None` where nothing is left.
+fn without_short_edges(mesh: &TriangleMesh, shortest: f64) -> Option<TriangleMesh> {
+    let positions = mesh.positions();
+    let length = |[a, b]: &[u32; 2]| positions[*a as usize].distance(positions[*b as usize]);
+    let topology = Topology::of_mesh(mesh);
+    let mut short: Vec<[u32; 2]> =
+        topology.edges().iter().copied().filter(|edge| length(edge) < shortest).collect();
+    short.sort_by(|a, b| length(a).total_cmp(&length(b)).then(a.cmp(b)));
+    let mut kept: Vec<u32> = (0..positions.len() as u32).collect();
+    let mut is_touched = vec![false; positions.len()];
+    for [a, b] in short {
+        // One collapse for each neighbourhood: chains would eat whole folds.
+        if !is_touched[a as usize] && !is_touched[b as usize] {
+            kept[b as usize] = a;
+            is_touched[a as usize] = true;
+            is_touched[b as usize] = true;
+        }
+    }
+    let collapsed = mesh.faces().iter().map(|face| face.map(|vertex| kept[vertex as usize]));
+    let faces: Vec<[u32; 3]> = collapsed.filter(|[a, b, c]| a != b && b != c && c != a).collect();
+    let mut places = vec![u32::MAX; positions.len()];
+    let mut used = Vec::new();
+    for vertex in faces.iter().flatten() {
+        let place = &mut places[*vertex as usize];
+        if *place == u32::MAX {
+            *place = used.len() as u32;
+            used.push(positions[*vertex as usize]);
+        }
+    }
+    let renamed = faces.iter().map(|face| face.map(|vertex| places[vertex as usize])).collect();
+    TriangleMesh::new(used, renamed).ok()
 }
 
 fn area(mesh: &TriangleMesh) -> f64 {
