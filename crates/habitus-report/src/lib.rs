@@ -10,4 +10,5 @@ pub mod render;
 pub mod report;
 pub mod review;
 pub mod run;
+pub mod shape_space;
 pub mod stills;
