@@ -5,8 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use habitus::evaluation::registration_ranking::RankingConfig;
+use habitus::evaluation::shape_space_quality::ShapeSpaceQualitySettings;
 use habitus::stages::extract_clothing::ExtractClothingConfig;
 use habitus::stages::fit_sequence::FitSequenceConfig;
+use habitus::stages::learn_shape::LearnShapeConfig;
 use habitus_synthetic::sequence::DressedSequenceSettings;
 use serde::{Deserialize, Serialize};
 
@@ -20,6 +22,10 @@ pub struct Settings {
     pub review: RankingConfig,
     /// Section of `extract-clothing`.
     pub extract_clothing: ExtractClothingConfig,
+    /// Section of `learn-shape`.
+    pub learn_shape: LearnShapeConfig,
+    /// Section of `evaluate shape-space`.
+    pub evaluate_shape_space: ShapeSpaceQualitySettings,
     /// Section of `generate` and of the sequence of `demo`.
     pub generate: DressedSequenceSettings,
 }

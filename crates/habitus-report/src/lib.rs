@@ -11,4 +11,5 @@ pub mod render;
 pub mod report;
 pub mod review;
 pub mod run;
+pub mod shape_space;
 pub mod stills;

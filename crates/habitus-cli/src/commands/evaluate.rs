@@ -11,6 +11,7 @@ use habitus::pipeline::{MeasuredFit, measure_stored_fit, read_stored_fit};
 use habitus_synthetic::truth::DressedTruth;
 
 use crate::Outcome;
+use crate::commands::evaluate_space::ShapeSpaceArguments;
 use crate::commands::generate::{sequence_truth, truth_of_frames};
 use crate::console::Console;
 use crate::sequence_job::{accuracy, accuracy_table, load_model};
@@ -33,6 +34,8 @@ pub struct EvaluateArguments {
 pub enum Subject {
     /// Compare fits with the sequence that was made by: habitus generate
     Sequence(SequenceArguments),
+    /// Measure how good a shape space is: compactness, generalization, specificity
+    ShapeSpace(ShapeSpaceArguments),
 }
 
 /// Arguments for sequences.
@@ -53,9 +56,15 @@ pub struct SequenceArguments {
     pub output: Option<PathBuf>,
 }
 
-/// Compares.
+/// Evaluates.
 pub fn run(arguments: &EvaluateArguments, console: &Console) -> anyhow::Result<Outcome> {
-    let Subject::Sequence(arguments) = &arguments.subject;
+    match &arguments.subject {
+        Subject::Sequence(arguments) => evaluate_sequences(arguments, console),
+        Subject::ShapeSpace(arguments) => super::evaluate_space::run(arguments, console),
+    }
+}
+
+fn evaluate_sequences(arguments: &SequenceArguments, console: &Console) -> anyhow::Result<Outcome> {
     let model = load_model(arguments.model.as_deref())?;
     let truth = sequence_truth(&model, &DressedTruth::read(&arguments.truth)?);
     let mut results: BTreeMap<String, SequenceAccuracy> = BTreeMap::new();

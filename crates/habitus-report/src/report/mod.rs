@@ -23,9 +23,11 @@ pub use data::{
     LandmarkView, MeasurementRow, ModelView, Percentiles, ReportData, ReportOptions, Timing, TruthRow,
 };
 pub(crate) use decimate::decimated;
-pub(crate) use markup::escaped;
+pub(crate) use markup::{escaped, number};
+pub(crate) use page::STYLE;
 pub use page::page;
 pub(crate) use plan::view_frames;
+pub(crate) use plots::nice_step;
 
 /// Why a report could not be written.
 #[derive(Debug, Error)]

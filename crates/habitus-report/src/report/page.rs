@@ -14,7 +14,7 @@ use crate::render::ColorScale;
 
 const TEMPLATE: &str = include_str!("../../assets/template.html");
 const VIEWER_MARKUP: &str = include_str!("../../assets/viewer.html");
-const STYLE: &str = include_str!("../../assets/style.css");
+pub(crate) const STYLE: &str = include_str!("../../assets/style.css");
 /// The parts of the one script, in the order in which they need each other.
 const SCRIPTS: [&str; 6] = [
     include_str!("../../assets/linear_algebra.js"),

@@ -260,7 +260,7 @@ fn tick_decimals(step: f64) -> usize {
 }
 
 /// The smallest of 1, 2, 5 × 10ⁿ that is at least `step`.
-fn nice_step(step: f64) -> f64 {
+pub(crate) fn nice_step(step: f64) -> f64 {
     let power = 10f64.powf(step.log10().floor());
     let factors = [1.0, 2.0, 5.0, 10.0];
     power * factors.into_iter().find(|factor| factor * power >= step * (1.0 - 1e-9)).unwrap_or(10.0)

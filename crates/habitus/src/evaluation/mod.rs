@@ -3,3 +3,4 @@
 pub mod clearance;
 pub mod registration_ranking;
 pub mod sequence_accuracy;
+pub mod shape_space_quality;

@@ -9,6 +9,7 @@ mod deformer;
 pub mod deformers;
 mod fit;
 pub mod retarget;
+pub mod same_topology;
 pub mod schedule;
 pub mod terms;
 

@@ -9,9 +9,11 @@
 mod capture_origin;
 mod clothing_run;
 mod input_key;
+mod learnt_shape;
 mod registered_run;
 mod run_folder;
 mod sequence_run;
+mod shape_space_evaluation;
 mod summary;
 mod user_landmarks;
 
@@ -21,6 +23,9 @@ pub use clothing_run::{
     read_stored_layer,
 };
 pub use input_key::InputKey;
+pub use learnt_shape::{
+    LearnFolderError, RegistrationFolder, SubjectGroup, learn_shape_to_file, settings_of_model,
+};
 pub use registered_run::{
     RegisteredRun, RegisteredRunError, ScanPair, ScanPlaces, decide_by_score, registration_folder,
     round_folder,
@@ -29,6 +34,9 @@ pub use run_folder::{RunFolder, RunFolderError, StageFolder, StageName};
 pub use sequence_run::{
     MeasuredFit, RunError, SequenceInput, SequenceRun, file_names, measure_fit, measure_rest_body,
     measure_stored_fit, read_stored_fit,
+};
+pub use shape_space_evaluation::{
+    EvaluateSpaceError, EvaluationScope, NamedQuality, ShapeSpaceMetrics, evaluate_shape_space,
 };
 pub use summary::{CodeSummary, MeasurementSummary, Seconds, Summary};
 pub use user_landmarks::{LandmarkFileError, read_user_landmarks};

@@ -2,4 +2,5 @@
 
 pub mod extract_clothing;
 pub mod fit_sequence;
+pub mod learn_shape;
 pub mod measure;
