@@ -1,5 +1,7 @@
 //! How good a result is: data in, numbers out.
 
 pub mod clearance;
+pub mod clothing_metrics;
+pub mod layer_reconstruction;
 pub mod registration_ranking;
 pub mod sequence_accuracy;
