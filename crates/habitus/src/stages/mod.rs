@@ -2,4 +2,6 @@
 
 pub mod extract_clothing;
 pub mod fit_sequence;
+pub mod learn_clothing;
 pub mod measure;
+pub mod synthesize;
