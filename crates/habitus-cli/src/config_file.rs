@@ -7,6 +7,8 @@ use clap::Args;
 use habitus::evaluation::registration_ranking::RankingConfig;
 use habitus::stages::extract_clothing::ExtractClothingConfig;
 use habitus::stages::fit_sequence::FitSequenceConfig;
+use habitus::stages::learn_clothing::LearnClothingConfig;
+use habitus::stages::synthesize::SynthesizeConfig;
 use habitus_synthetic::sequence::DressedSequenceSettings;
 use serde::{Deserialize, Serialize};
 
@@ -20,6 +22,10 @@ pub struct Settings {
     pub review: RankingConfig,
     /// Section of `extract-clothing`.
     pub extract_clothing: ExtractClothingConfig,
+    /// Section of `learn-clothing`.
+    pub learn_clothing: LearnClothingConfig,
+    /// Section of `synthesize`.
+    pub synthesize: SynthesizeConfig,
     /// Section of `generate` and of the sequence of `demo`.
     pub generate: DressedSequenceSettings,
 }
