@@ -25,8 +25,8 @@ Examples:
   habitus synthesize model.npz --motion run --material silk --fit hem_width=1.4 -o new
   habitus synthesize run --identity coefficients.txt -o new
 
-Writes 6_synthesize/sequence.npz, dressed.glb and summary.json. A run with a layer in place of a model is
-replayed as it was captured, over another body.";
+Writes 6_synthesize/sequence.npz, dressed.glb and summary.json. A run with a layer, in place of a
+model, is replayed as it was captured, over another body.";
 
 /// Arguments of the verb.
 #[derive(Debug, Args)]
