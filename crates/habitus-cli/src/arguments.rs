@@ -5,8 +5,8 @@ use std::num::NonZeroUsize;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    completions, config, demo, evaluate, export, extract_clothing, fit_sequence, generate, learn_shape,
-    measure, render, report, review,
+    completions, config, demo, evaluate, export, extract_clothing, fit_sequence, generate, learn_clothing,
+    learn_shape, measure, render, report, review, synthesize,
 };
 
 const EXAMPLES: &str = "\
@@ -60,6 +60,10 @@ pub enum Verb {
     Export(export::ExportArguments),
     /// Make captures of a dressed person with exact truth
     Generate(generate::GenerateArguments),
+    /// Learn how clothes move from clothing layers
+    LearnClothing(learn_clothing::LearnClothingArguments),
+    /// Dress another body, motion, fabric or size
+    Synthesize(synthesize::SynthesizeArguments),
     /// Compare results with the truth
     Evaluate(evaluate::EvaluateArguments),
     /// Print all settings with their defaults

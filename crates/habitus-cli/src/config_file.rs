@@ -8,7 +8,9 @@ use habitus::evaluation::registration_ranking::RankingConfig;
 use habitus::evaluation::shape_space_quality::ShapeSpaceQualitySettings;
 use habitus::stages::extract_clothing::ExtractClothingConfig;
 use habitus::stages::fit_sequence::FitSequenceConfig;
+use habitus::stages::learn_clothing::LearnClothingConfig;
 use habitus::stages::learn_shape::LearnShapeConfig;
+use habitus::stages::synthesize::SynthesizeConfig;
 use habitus_synthetic::sequence::DressedSequenceSettings;
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +28,10 @@ pub struct Settings {
     pub learn_shape: LearnShapeConfig,
     /// Section of `evaluate shape-space`.
     pub evaluate_shape_space: ShapeSpaceQualitySettings,
+    /// Section of `learn-clothing`.
+    pub learn_clothing: LearnClothingConfig,
+    /// Section of `synthesize`.
+    pub synthesize: SynthesizeConfig,
     /// Section of `generate` and of the sequence of `demo`.
     pub generate: DressedSequenceSettings,
 }

@@ -67,6 +67,8 @@ fn run(arguments: Arguments, console: &Console) -> anyhow::Result<Outcome> {
         Verb::Render(arguments) => commands::render::run(&arguments, console),
         Verb::Export(arguments) => commands::export::run(&arguments, console),
         Verb::Generate(arguments) => commands::generate::run(&arguments, console),
+        Verb::LearnClothing(arguments) => commands::learn_clothing::run(&arguments, console),
+        Verb::Synthesize(arguments) => commands::synthesize::run(&arguments, console),
         Verb::Evaluate(arguments) => commands::evaluate::run(&arguments, console),
         Verb::Config(arguments) => commands::config::run(&arguments, console),
         Verb::Completions(arguments) => commands::completions::run(&arguments, console),

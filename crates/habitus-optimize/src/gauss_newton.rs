@@ -126,7 +126,8 @@ impl<'a> Solve<'a> {
             self.report.iterations += 1;
             self.report.final_energy = energy;
             let event = Event::Iteration { iteration: self.report.iterations, energy, step_norm };
-            if observer.on_event(&event) == Flow::Stop {
+            let is_stopped = observer.on_parameters(parameters) == Flow::Stop;
+            if observer.on_event(&event) == Flow::Stop || is_stopped {
                 return Ok(StopReason::Cancelled);
             }
             if tolerances.is_energy_flat(decrease, energy) {

@@ -84,7 +84,8 @@ pub fn lbfgsb(
             report.iterations += 1;
             report.final_energy = energy;
             let event = Event::Iteration { iteration: report.iterations, energy, step_norm };
-            let reason = if observer.on_event(&event) == Flow::Stop {
+            let is_stopped = observer.on_parameters(parameters) == Flow::Stop;
+            let reason = if observer.on_event(&event) == Flow::Stop || is_stopped {
                 Some(StopReason::Cancelled)
             } else if settings.tolerances.is_energy_flat(decrease, energy) {
                 Some(StopReason::EnergyFlat)

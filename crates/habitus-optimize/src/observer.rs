@@ -47,6 +47,13 @@ pub enum Flow {
 pub trait Observer {
     /// Called after each event, in order.
     fn on_event(&mut self, event: &Event) -> Flow;
+
+    /// Called with the parameters of each step that a solver accepts, before its [`Event::Iteration`].
+    ///
+    /// For those who judge the parameters themselves, such as by the error on data that the solver does not see.
+    fn on_parameters(&mut self, _parameters: &[f64]) -> Flow {
+        Flow::Continue
+    }
 }
 
 /// An observer that hears nothing and never stops.

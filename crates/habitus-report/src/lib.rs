@@ -5,6 +5,7 @@
 #![deny(missing_docs)]
 
 mod captured_body;
+pub mod clothing;
 pub mod clothing_stills;
 pub mod dressing_room;
 pub mod render;

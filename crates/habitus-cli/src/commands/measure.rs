@@ -66,7 +66,7 @@ pub fn run(arguments: &MeasureArguments, console: &Console) -> anyhow::Result<Ou
 }
 
 /// Numbers between blanks or commas; missing ones are zero.
-fn read_identity(path: &Path, component_count: usize) -> anyhow::Result<Vec<f64>> {
+pub fn read_identity(path: &Path, component_count: usize) -> anyhow::Result<Vec<f64>> {
     let text = std::fs::read_to_string(path)
         .with_context(|| format!("{}: the identity cannot be read", path.display()))?;
     let mut identity = Vec::new();

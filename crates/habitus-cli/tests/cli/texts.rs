@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::bench::run;
 use crate::words;
 
-const VERBS: [&str; 12] = [
+const VERBS: [&str; 14] = [
     "demo",
     "fit-sequence",
     "extract-clothing",
@@ -15,6 +15,8 @@ const VERBS: [&str; 12] = [
     "render",
     "export",
     "generate",
+    "learn-clothing",
+    "synthesize",
     "evaluate",
     "config",
     "completions",
@@ -41,6 +43,10 @@ fn help_texts_are_as_they_were_read_last() {
     expect_snapshot(
         "help_evaluate_sequence",
         &run(words!["evaluate", "sequence", "--help"]).expect(0).result,
+    );
+    expect_snapshot(
+        "help_evaluate_clothing",
+        &run(words!["evaluate", "clothing", "--help"]).expect(0).result,
     );
 }
 

@@ -15,6 +15,7 @@ mod tests;
 use glam::DVec3;
 
 pub use file::{LayerFileError, read_layer, write_layer};
+pub(in crate::artifacts) use file::{add_layer, read_arrays};
 
 use super::codes::Code;
 use super::fitted_sequence::InputFrame;

@@ -5,9 +5,12 @@ use std::f64::consts::FRAC_PI_2;
 use glam::{DMat3, DVec3};
 use nalgebra::DMatrix;
 
+use super::clothing_layer::{
+    AlignmentQuality, AssociationOrigin, ClothingAssociation, ClothingFrame, ClothingLayer,
+};
 use super::codes::Code;
 use super::fitted_sequence::{FittedFrame, FittedSequence, InputFrame, Landmark};
-use super::rigged_sequence::{Rig, RiggedSequence};
+use super::rigged_sequence::{FrameRate, Rig, RiggedSequence};
 use crate::body::fixture;
 
 /// A figure that turns through more than half a circle while all its joints bend.
@@ -60,6 +63,63 @@ pub(crate) fn rigged_sequence(frame_count: usize) -> RiggedSequence {
             codes: vec![Code::UncertainFrameOfReference],
         },
         rig: Rig::of(&model),
+    }
+}
+
+/// A second skin two centimetres over the figure that swells by up to a centimetre as the first joint bends, and hangs
+/// `width` farther out everywhere; poses of a calm motion that is new all the time.
+pub(crate) fn moving_layer(frame_count: usize, width: f64) -> ClothingLayer {
+    let fit = rigged_sequence(0);
+    let body = &fit.sequence.rest_vertices;
+    let normals = habitus_geometry::vertex_normals(body, &fit.rig.faces);
+    let next = |vertex: usize| (vertex + 1) % body.len();
+    let vertex_count = body.len();
+    let association = ClothingAssociation {
+        body_vertices_per_clothing_vertex: 2,
+        body_vertices: (0..vertex_count).flat_map(|vertex| [vertex as u32, next(vertex) as u32]).collect(),
+        weights: [0.75, 0.25].repeat(vertex_count),
+        origins: vec![AssociationOrigin::Diffused; vertex_count],
+        smallest_stretch: 0.2,
+    };
+    let pose = |frame: usize| -> Vec<f64> {
+        let angle = |k: usize| {
+            let place = frame as f64;
+            0.25 * ((0.11 + 0.007 * k as f64) * place + k as f64).sin()
+                + 0.1 * (0.043 * place * (k + 1) as f64).cos()
+        };
+        let mut pose: Vec<f64> = (0..30).map(angle).collect();
+        pose[..6].iter_mut().for_each(|value| *value *= 0.3);
+        pose
+    };
+    let anchors = association.anchors(body);
+    let mut offsets = Vec::new();
+    let mut frames = Vec::new();
+    for frame in 0..frame_count {
+        let pose = pose(frame);
+        let swelling = 0.02 + width + 0.02 * pose[6];
+        for ((vertex, normal), anchor) in body.iter().zip(&normals).zip(&anchors) {
+            let outwards = normal.try_normalize().unwrap_or(DVec3::Y) * swelling;
+            offsets.extend((*vertex + outwards - *anchor).as_vec3().to_array());
+        }
+        frames.push(ClothingFrame {
+            name: format!("frame_{frame:04}"),
+            capture_index: frame,
+            pose,
+            codes: Vec::new(),
+            quality: AlignmentQuality::default(),
+        });
+    }
+    ClothingLayer {
+        input_frame: fit.sequence.input_frame.clone(),
+        identity: fit.sequence.identity.clone(),
+        rest_vertices: body.clone(),
+        rest_joints: fit.sequence.rest_joints.clone(),
+        clothing_faces: fit.rig.faces.clone(),
+        association,
+        frame_rate: FrameRate::new(30.0).unwrap(),
+        frames,
+        offsets,
+        rig: fit.rig,
     }
 }
 

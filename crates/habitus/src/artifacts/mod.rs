@@ -1,9 +1,12 @@
 //! What stages hand to one another: data and its file form, no algorithm.
 
 pub mod body_export;
+pub mod clothing_controls;
 pub mod clothing_layer;
+pub mod clothing_model;
 pub mod codes;
 mod csv;
+pub mod dressed_glb;
 pub mod fabric;
 pub mod fitted_sequence;
 #[cfg(test)]
@@ -22,6 +25,7 @@ mod rig_file;
 pub mod rigged_sequence;
 pub mod sequence_files;
 pub mod skinned_glb;
+pub mod synthesized_sequence;
 
 use std::io::Write;
 use std::path::Path;

@@ -71,7 +71,7 @@ pub fn skinned_glb(fit: &RiggedSequence, frame_rate: FrameRate) -> Result<Vec<u8
 }
 
 /// What a person who finds the file wants to know, and which frames not to trust.
-fn extras(fit: &RiggedSequence, frame_rate: FrameRate) -> Value {
+pub(super) fn extras(fit: &RiggedSequence, frame_rate: FrameRate) -> Value {
     let suspects: Vec<Value> = fit
         .sequence
         .frames
@@ -89,7 +89,7 @@ fn extras(fit: &RiggedSequence, frame_rate: FrameRate) -> Value {
     })
 }
 
-fn mesh(glb: &mut GlbBuilder, fit: &RiggedSequence) -> Result<Value, ContentError> {
+pub(super) fn mesh(glb: &mut GlbBuilder, fit: &RiggedSequence) -> Result<Value, ContentError> {
     let (rest, rig) = (&fit.sequence.rest_vertices, &fit.rig);
     let normals: Vec<DVec3> = habitus_geometry::vertex_normals(rest, &rig.faces)
         .into_iter()
@@ -117,7 +117,7 @@ fn mesh(glb: &mut GlbBuilder, fit: &RiggedSequence) -> Result<Value, ContentErro
 }
 
 /// One node for each bone, at rest: only the offset from its parent.
-fn joint_nodes(rig: &Rig, joints: &[DVec3]) -> Vec<Value> {
+pub(super) fn joint_nodes(rig: &Rig, joints: &[DVec3]) -> Vec<Value> {
     let bones = rig.skeleton.bones();
     bones
         .iter()
@@ -135,7 +135,7 @@ fn joint_nodes(rig: &Rig, joints: &[DVec3]) -> Vec<Value> {
         .collect()
 }
 
-fn inverse_bind_matrices(glb: &mut GlbBuilder, joints: &[DVec3]) -> Result<usize, ContentError> {
+pub(super) fn inverse_bind_matrices(glb: &mut GlbBuilder, joints: &[DVec3]) -> Result<usize, ContentError> {
     let matrices: Vec<[f32; 16]> = single_precision("joint", joints)?
         .into_iter()
         .map(|[x, y, z]| [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -x, -y, -z, 1.0])
@@ -144,7 +144,7 @@ fn inverse_bind_matrices(glb: &mut GlbBuilder, joints: &[DVec3]) -> Result<usize
 }
 
 /// A rotation for each joint and a translation for the root, linear between frames.
-fn animation(
+pub(super) fn animation(
     glb: &mut GlbBuilder,
     fit: &RiggedSequence,
     frame_rate: FrameRate,
@@ -183,7 +183,7 @@ fn animation(
     Ok(json!({ "name": "motion", "samplers": samplers, "channels": channels }))
 }
 
-fn single_precision(what: &'static str, vectors: &[DVec3]) -> Result<Vec<[f32; 3]>, ContentError> {
+pub(super) fn single_precision(what: &'static str, vectors: &[DVec3]) -> Result<Vec<[f32; 3]>, ContentError> {
     vectors
         .iter()
         .enumerate()
@@ -199,4 +199,4 @@ fn single_precision(what: &'static str, vectors: &[DVec3]) -> Result<Vec<[f32; 3
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

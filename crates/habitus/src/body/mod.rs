@@ -9,6 +9,7 @@ pub(crate) mod file;
 pub(crate) mod fixture;
 mod identity_space;
 mod model;
+mod motion_features;
 mod skeleton;
 mod surface;
 
@@ -16,6 +17,7 @@ pub use blended_skin::{BlendedSkin, Carrier};
 pub use file::ModelFileError;
 pub use identity_space::SpaceOrigin;
 pub use model::{BodyModel, ModelMetadata, PartLabel};
+pub use motion_features::{Feature, FeatureKind, FeatureSet};
 pub(crate) use skeleton::left_jacobian;
 pub use skeleton::{
     Axis, BONE_COUNT, Bone, POSE_LENGTH, Pose, PosedSkeleton, ROOT_LENGTH, Skeleton, SkeletonError, Twist,

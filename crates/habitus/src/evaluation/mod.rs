@@ -1,6 +1,8 @@
 //! How good a result is: data in, numbers out.
 
 pub mod clearance;
+pub mod clothing_metrics;
+pub mod layer_reconstruction;
 pub mod registration_ranking;
 pub mod sequence_accuracy;
 pub mod shape_space_quality;

@@ -7,6 +7,8 @@
 //! goes on from its journal.
 
 mod capture_origin;
+mod clothing_evaluation;
+mod clothing_model_run;
 mod clothing_run;
 mod input_key;
 mod learnt_shape;
@@ -18,6 +20,11 @@ mod summary;
 mod user_landmarks;
 
 pub use capture_origin::CaptureOrigin;
+pub use clothing_evaluation::ClothingEvaluation;
+pub use clothing_model_run::{
+    ClothingModelRunError, ClothingSource, SynthesisSummary, learn_clothing_files, read_layers, read_motion,
+    synthesized_file_names, write_synthesis,
+};
 pub use clothing_run::{
     ClothingInput, ClothingRun, ClothingRunError, ClothingSummary, Connectivity, LAYER_FILE, captures_of_fit,
     read_stored_layer,

@@ -2,5 +2,7 @@
 
 pub mod extract_clothing;
 pub mod fit_sequence;
+pub mod learn_clothing;
 pub mod learn_shape;
 pub mod measure;
+pub mod synthesize;

@@ -84,6 +84,13 @@ struct FrameRecord {
 /// Writes `layer.npz`.
 pub fn write_layer(path: &Path, layer: &ClothingLayer) -> Result<(), LayerFileError> {
     check(layer).map_err(|reason| LayerFileError::Inconsistent { path: path.to_path_buf(), reason })?;
+    let mut file = NpzWriter::new();
+    add_layer(&mut file, "metadata", layer);
+    Ok(file.write(path)?)
+}
+
+/// Adds the arrays of a layer to a file, its record under the name `metadata_key`.
+pub(in crate::artifacts) fn add_layer(file: &mut NpzWriter, metadata_key: &str, layer: &ClothingLayer) {
     let association = &layer.association;
     let (frame_count, vertex_count) = (layer.frames.len(), layer.clothing_vertex_count());
     let metadata = LayerMetadata {
@@ -95,8 +102,7 @@ pub fn write_layer(path: &Path, layer: &ClothingLayer) -> Result<(), LayerFileEr
     };
     let contents = serde_json::to_value(metadata).unwrap_or_default();
     let header = FileHeader { format: FORMAT.into(), version: VERSION, contents };
-    let mut file = NpzWriter::new();
-    file.add_text("metadata", &serde_json::to_string(&header).unwrap_or_default());
+    file.add_text(metadata_key, &serde_json::to_string(&header).unwrap_or_default());
     file.add("offsets", &[frame_count, vertex_count, 3], &layer.offsets);
     let poses: Vec<f64> = layer.frames.iter().flat_map(|frame| frame.pose.iter().copied()).collect();
     file.add("pose", &[frame_count, layer.rig.skeleton.pose_length()], &poses);
@@ -112,8 +118,7 @@ pub fn write_layer(path: &Path, layer: &ClothingLayer) -> Result<(), LayerFileEr
     file.add("identity", &[layer.identity.len()], &layer.identity);
     file.add("rest_vertices", &[layer.rest_vertices.len(), 3], &flat(layer.rest_vertices.iter().copied()));
     file.add("rest_joints", &[layer.rest_joints.len(), 3], &flat(layer.rest_joints.iter().copied()));
-    add_rig(&mut file, &layer.rig);
-    Ok(file.write(path)?)
+    add_rig(file, &layer.rig);
 }
 
 impl FrameRecord {
@@ -136,12 +141,21 @@ pub fn read_layer(path: &Path) -> Result<ClothingLayer, LayerFileError> {
 
 pub(super) fn read_layer_bytes(bytes: Vec<u8>, path: &Path) -> Result<ClothingLayer, LayerFileError> {
     let mut file = NpzReader::new(bytes, path)?;
-    let metadata = read_metadata(&mut file, path)?;
+    read_arrays(&mut file, "metadata", path)
+}
+
+/// Reads what [`add_layer`] has added.
+pub(in crate::artifacts) fn read_arrays(
+    file: &mut NpzReader,
+    metadata_key: &str,
+    path: &Path,
+) -> Result<ClothingLayer, LayerFileError> {
+    let metadata = read_metadata(file, metadata_key, path)?;
     let inconsistent = |reason: String| LayerFileError::Inconsistent { path: path.to_path_buf(), reason };
-    let rest_vertices = read_points(&mut file, "rest_vertices", None)?;
-    let rig = read_rig(&mut file, &metadata.rig, rest_vertices.len(), path)?;
-    let rest_joints = read_points(&mut file, "rest_joints", Some(rig.skeleton.bones().len()))?;
-    let association = read_association(&mut file, rest_vertices.len(), metadata.smallest_stretch)?;
+    let rest_vertices = read_points(file, "rest_vertices", None)?;
+    let rig = read_rig(file, &metadata.rig, rest_vertices.len(), path)?;
+    let rest_joints = read_points(file, "rest_joints", Some(rig.skeleton.bones().len()))?;
+    let association = read_association(file, rest_vertices.len(), metadata.smallest_stretch)?;
     let vertex_count = association.clothing_vertex_count();
     let faces = file.indices("clothing_faces", vertex_count)?;
     file.expect_shape("clothing_faces", &faces, &[None, Some(3)])?;
@@ -181,8 +195,12 @@ pub(super) fn read_layer_bytes(bytes: Vec<u8>, path: &Path) -> Result<ClothingLa
     Ok(layer)
 }
 
-fn read_metadata(file: &mut NpzReader, path: &Path) -> Result<LayerMetadata, LayerFileError> {
-    let text = file.text("metadata")?;
+fn read_metadata(
+    file: &mut NpzReader,
+    metadata_key: &str,
+    path: &Path,
+) -> Result<LayerMetadata, LayerFileError> {
+    let text = file.text(metadata_key)?;
     let unusable = |file: &NpzReader, reason: serde_json::Error| file.invalid("metadata", reason.to_string());
     let header: FileHeader = serde_json::from_str(&text).map_err(|error| unusable(file, error))?;
     if header.format != FORMAT {

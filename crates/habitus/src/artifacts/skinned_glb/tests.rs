@@ -12,13 +12,13 @@ fn rate(frames_per_second: f64) -> FrameRate {
 }
 
 /// A glTF file taken apart by the specification alone.
-struct Player {
-    root: Value,
+pub(in crate::artifacts) struct Player {
+    pub(in crate::artifacts) root: Value,
     binary: Vec<u8>,
 }
 
 impl Player {
-    fn open(bytes: &[u8]) -> Self {
+    pub(in crate::artifacts) fn open(bytes: &[u8]) -> Self {
         let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
         assert_eq!((&bytes[..4], word(4), word(8)), (&b"glTF"[..], 2, bytes.len()));
         let json_length = word(12);
@@ -31,12 +31,12 @@ impl Player {
         Self { root, binary }
     }
 
-    fn number(&self, value: &Value) -> usize {
+    pub(in crate::artifacts) fn number(&self, value: &Value) -> usize {
         value.as_u64().unwrap() as usize
     }
 
     /// Elements of an accessor as rows of numbers.
-    fn rows(&self, accessor: &Value) -> Vec<Vec<f64>> {
+    pub(in crate::artifacts) fn rows(&self, accessor: &Value) -> Vec<Vec<f64>> {
         let accessor = &self.root["accessors"][self.number(accessor)];
         let view = &self.root["bufferViews"][self.number(&accessor["bufferView"])];
         let start = self.number(&view["byteOffset"]);
@@ -82,6 +82,7 @@ impl Player {
             match channel["target"]["path"].as_str().unwrap() {
                 "translation" => translations[node] = DVec3::from_slice(key),
                 "rotation" => rotations[node] = DQuat::from_slice(key),
+                "weights" => {}
                 other => panic!("unknown path {other}"),
             }
         }
@@ -103,7 +104,22 @@ impl Player {
         global
     }
 
-    fn skinned(&self, frame: usize) -> Vec<DVec3> {
+    pub(in crate::artifacts) fn skinned(&self, frame: usize) -> Vec<DVec3> {
+        let attributes = &self.root["meshes"][0]["primitives"][0]["attributes"];
+        let (bones, weights) = (self.rows(&attributes["JOINTS_0"]), self.rows(&attributes["WEIGHTS_0"]));
+        let positions: Vec<DVec3> =
+            self.rows(&attributes["POSITION"]).iter().map(|row| DVec3::from_slice(row)).collect();
+        self.skin(frame, &positions, &bones, &weights)
+    }
+
+    /// Positions moved by the joints of a frame.
+    pub(in crate::artifacts) fn skin(
+        &self,
+        frame: usize,
+        positions: &[DVec3],
+        bones: &[Vec<f64>],
+        weights: &[Vec<f64>],
+    ) -> Vec<DVec3> {
         let global = self.node_transforms(frame);
         let skin = &self.root["skins"][0];
         let matrices: Vec<DMat4> = skin["joints"]
@@ -115,13 +131,11 @@ impl Player {
                 global[self.number(node)] * DMat4::from_cols_array(&inverse_bind.try_into().unwrap())
             })
             .collect();
-        let attributes = &self.root["meshes"][0]["primitives"][0]["attributes"];
-        let (bones, weights) = (self.rows(&attributes["JOINTS_0"]), self.rows(&attributes["WEIGHTS_0"]));
-        self.rows(&attributes["POSITION"])
+        positions
             .iter()
-            .zip(bones.iter().zip(&weights))
+            .zip(bones.iter().zip(weights))
             .map(|(position, (bones, weights))| {
-                let position = DVec3::from_slice(position).extend(1.0);
+                let position = position.extend(1.0);
                 let sum: DVec4 = bones
                     .iter()
                     .zip(weights)

@@ -1,0 +1,55 @@
+//! What is measured of clothes that were learnt: the contents of `metrics.json`.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::artifacts::synthesized_sequence::Penetration;
+
+/// Errors of a recipe on one split, in mm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SplitErrors {
+    /// On the frames that were learnt from.
+    pub train_mm: f64,
+    /// On the frames that were set aside.
+    pub prediction_mm: f64,
+}
+
+/// The contents of `metrics.json`. The names of its keys are a contract.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ClothingMetrics {
+    /// Names of the sequences.
+    pub sequences: Vec<String>,
+    /// Frames in all.
+    pub frames: usize,
+    /// P3 Table 1: mean vertex position error by number of components.
+    pub pca_error_mm: BTreeMap<String, f64>,
+    /// The same with the poses as they were fitted.
+    pub pca_error_fitted_poses_mm: BTreeMap<String, f64>,
+    /// Errors by recipe and split: `paper`, `block`, and `leave_one_out` if there are several sequences.
+    pub regression: BTreeMap<String, BTreeMap<String, SplitErrors>>,
+    /// Prediction errors of the baselines by split.
+    pub baselines: BTreeMap<String, BTreeMap<String, f64>>,
+    /// Prediction errors in mm of each sequence that was left out, by method.
+    pub left_out: BTreeMap<String, BTreeMap<String, f64>>,
+    /// How much each control moves the clothing on each bone, in mm from its smallest to its largest value.
+    pub control_response_mm: BTreeMap<String, BTreeMap<String, f64>>,
+    /// Error of each frame, in mm, of the default recipe on the block split; frames learnt from come first.
+    pub frame_error_mm: Vec<f64>,
+    /// Where the frames set aside begin in that list.
+    pub block_start: usize,
+    /// Mean angle between predicted and captured normals of the block's frames, degrees.
+    pub normal_error_deg: f64,
+    /// Mean difference of predicted and captured accelerations of the block's vertices, m/s².
+    pub acceleration_error: f64,
+    /// Clothing of the predicted block inside the body.
+    pub penetration_before: Penetration,
+    /// The same after it was pushed out.
+    pub penetration_after: Penetration,
+    /// Mean vertex position error of the block after the push-out, in mm, over the frames that were looked at.
+    pub prediction_after_push_out_mm: f64,
+    /// The same before.
+    pub prediction_before_push_out_mm: f64,
+    /// Wall-clock seconds by part; filled in by the caller, who keeps the clock.
+    pub seconds: BTreeMap<String, f64>,
+}
