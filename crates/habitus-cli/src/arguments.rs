@@ -5,8 +5,8 @@ use std::num::NonZeroUsize;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    completions, config, demo, evaluate, export, extract_clothing, fit_sequence, generate, measure, render,
-    report, review,
+    completions, config, demo, evaluate, export, extract_clothing, fit_sequence, generate, measure, register,
+    render, report, review,
 };
 
 const EXAMPLES: &str = "\
@@ -46,6 +46,8 @@ pub enum Verb {
     FitSequence(fit_sequence::FitSequenceArguments),
     /// Take the clothes off a fitted sequence as a layer of offsets
     ExtractClothing(extract_clothing::ExtractClothingArguments),
+    /// Bring a template onto raw scans
+    Register(register::RegisterArguments),
     /// Show a body's measurements
     Measure(measure::MeasureArguments),
     /// Accept and reject registrations, worst first, on a local page

@@ -7,6 +7,8 @@ use clap::Args;
 use habitus::evaluation::registration_ranking::RankingConfig;
 use habitus::stages::extract_clothing::ExtractClothingConfig;
 use habitus::stages::fit_sequence::FitSequenceConfig;
+use habitus::stages::register::RegisterConfig;
+use habitus_synthetic::raw_scan::{DepthPairSettings, RawScanSettings};
 use habitus_synthetic::sequence::DressedSequenceSettings;
 use serde::{Deserialize, Serialize};
 
@@ -20,8 +22,14 @@ pub struct Settings {
     pub review: RankingConfig,
     /// Section of `extract-clothing`.
     pub extract_clothing: ExtractClothingConfig,
+    /// Section of `register`.
+    pub register: RegisterConfig,
     /// Section of `generate` and of the sequence of `demo`.
     pub generate: DressedSequenceSettings,
+    /// Section of `generate scans`, and of the people of `generate depth-pairs`.
+    pub generate_scans: RawScanSettings,
+    /// Section of the cameras of `generate depth-pairs`.
+    pub generate_depth_pairs: DepthPairSettings,
 }
 
 /// Where settings come from.

@@ -19,6 +19,7 @@ pub mod garment;
 pub mod isosurface;
 pub mod motion;
 mod random;
+pub mod raw_scan;
 pub mod remesh;
 pub mod rest_body;
 pub mod second_skin;

@@ -2,14 +2,16 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 use anyhow::{Context, bail};
-use clap::{Args, ValueEnum};
+use clap::{Args, Subcommand, ValueEnum};
 use habitus::body::BodyModel;
 use habitus::evaluation::sequence_accuracy::SequenceTruth;
 use habitus_synthetic::capture::CaptureMode;
 use habitus_synthetic::garment::Outfit;
 use habitus_synthetic::motion::Motion;
+use habitus_synthetic::raw_scan::{subject_names, write_depth_pairs, write_raw_scans};
 use habitus_synthetic::sequence::DressedSequenceSettings;
 use habitus_synthetic::source_bodies::source_body_names;
 use habitus_synthetic::truth::{DressedTruth, TRUTH_FILE, capture_file, write_sequence};
@@ -23,17 +25,39 @@ const EXAMPLES: &str = "\
 Examples:
   habitus generate -o dressed
   habitus generate -o dressed --outfit shirt-and-trousers --motion knee-pulls --subject 3
+  habitus generate scans -o lab --count 200
+  habitus generate depth-pairs -o lab --count 20
 
-Writes frame_0000.ply … and truth.npz: rest body, poses, joints and posed bodies in metres, y up.
+Without a kind it writes frame_0000.ply … and truth.npz: rest body, poses, joints and posed bodies in metres, y up.
 The bodies are not instances of the body model that is fitted.";
+
+const SCANS_EXAMPLES: &str = "\
+Examples:
+  habitus generate scans -o lab --count 200
+  habitus generate scans -o lab --count 10 --points 100000 --seed 7
+
+Writes scans/NAME.ply, landmarks/NAME.csv, truth/NAME.ply (the body in the template's topology, in
+the scan's frame), truth/NAME_rest.ply, template.ply and template_landmarks.csv; metres, y up.
+A scan depends on seed and name alone, so a larger count adds scans and changes none.";
+
+const PAIRS_EXAMPLES: &str = "\
+Examples:
+  habitus generate depth-pairs -o lab --count 20
+
+Writes pairs/NAME/front.png, back.png (16 bit, millimetres), intrinsics.json, the same as clouds
+front.ply, back.ply (camera at the origin, y up, looking along -z, metres), landmarks, and truth:
+NAME_front.ply, NAME_back.ply, NAME_rest.ply.";
 
 /// Arguments of the verb.
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = EXAMPLES, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct GenerateArguments {
+    /// Another kind of captures than a dressed sequence
+    #[command(subcommand)]
+    pub kind: Option<GenerateKind>,
     /// Folder for captures and truth
-    #[arg(long, short, value_name = "DIR")]
-    pub output: PathBuf,
+    #[arg(long, short, value_name = "DIR", required = true)]
+    pub output: Option<PathBuf>,
     /// Start of all random numbers
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
@@ -56,6 +80,37 @@ pub struct GenerateArguments {
     #[arg(long)]
     pub force: bool,
     /// Settings of the sequence
+    #[command(flatten)]
+    pub settings: SettingsArguments,
+}
+
+/// Other kinds of captures.
+#[derive(Debug, Subcommand)]
+pub enum GenerateKind {
+    /// Raw scans of standing people with known correspondence
+    #[command(after_help = SCANS_EXAMPLES)]
+    Scans(ScansArguments),
+    /// Front and back depth images of standing people
+    #[command(after_help = PAIRS_EXAMPLES)]
+    DepthPairs(ScansArguments),
+}
+
+/// Arguments of raw scans and depth pairs.
+#[derive(Debug, Args)]
+pub struct ScansArguments {
+    /// Folder for captures and truth
+    #[arg(long, short, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Number of people
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    pub count: usize,
+    /// Start of all random numbers
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Points of a scan, about
+    #[arg(long, value_name = "N")]
+    pub points: Option<usize>,
+    /// Settings of the captures
     #[command(flatten)]
     pub settings: SettingsArguments,
 }
@@ -95,11 +150,58 @@ pub enum CaptureName {
 
 /// Makes a sequence.
 pub fn run(arguments: &GenerateArguments, console: &Console) -> anyhow::Result<Outcome> {
-    let settings = settings(arguments)?;
     let model = BodyModel::default_space()?;
-    let folder = &arguments.output;
+    match &arguments.kind {
+        Some(GenerateKind::Scans(scans)) => return make_scans(&model, scans, Kind::Scans, console),
+        Some(GenerateKind::DepthPairs(pairs)) => return make_scans(&model, pairs, Kind::DepthPairs, console),
+        None => {}
+    }
+    let settings = settings(arguments)?;
+    let folder = arguments.output.as_ref().context("--output DIR is needed")?;
     let truth = make_sequence(&model, &settings, folder, arguments.force, console)?;
     console.note(format!("{} frames with truth", truth.posed_vertices.len()));
+    console.result(folder.display());
+    Ok(Outcome::Fine)
+}
+
+/// What [`make_scans`] makes.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Scans,
+    DepthPairs,
+}
+
+fn make_scans(
+    model: &BodyModel,
+    arguments: &ScansArguments,
+    kind: Kind,
+    console: &Console,
+) -> anyhow::Result<Outcome> {
+    let settings = arguments.settings.load()?;
+    let mut scans = settings.generate_scans;
+    scans.seed = arguments.seed.unwrap_or(scans.seed);
+    scans.point_count = arguments.points.unwrap_or(scans.point_count);
+    let names = subject_names(arguments.count);
+    let bar = Mutex::new((StageBar::new(console), 0));
+    let progress = || {
+        if let Ok(mut bar) = bar.lock() {
+            bar.1 += 1;
+            let done = bar.1;
+            bar.0.show("make", done, names.len());
+        }
+    };
+    let folder = &arguments.output;
+    let made = match kind {
+        Kind::Scans => write_raw_scans(model, &scans, &names, folder, &progress),
+        Kind::DepthPairs => {
+            write_depth_pairs(model, &scans, &settings.generate_depth_pairs, &names, folder, &progress)
+        }
+    };
+    if let Ok(bar) = bar.lock() {
+        bar.0.clear();
+    }
+    made?;
+    console.note(format!("{} people with truth", names.len()));
     console.result(folder.display());
     Ok(Outcome::Fine)
 }

@@ -9,6 +9,7 @@ pub mod extract_clothing;
 pub mod fit_sequence;
 pub mod generate;
 pub mod measure;
+pub mod register;
 pub mod render;
 pub mod report;
 pub mod review;

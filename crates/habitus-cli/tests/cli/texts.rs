@@ -5,8 +5,9 @@ use std::path::Path;
 use crate::bench::run;
 use crate::words;
 
-const VERBS: [&str; 12] = [
+const VERBS: [&str; 13] = [
     "demo",
+    "register",
     "fit-sequence",
     "extract-clothing",
     "measure",

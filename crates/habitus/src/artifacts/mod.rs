@@ -20,8 +20,10 @@ pub mod registered_scan;
 pub mod review_decisions;
 mod rig_file;
 pub mod rigged_sequence;
+pub mod scan;
 pub mod sequence_files;
 pub mod skinned_glb;
+pub mod template_mesh;
 
 use std::io::Write;
 use std::path::Path;

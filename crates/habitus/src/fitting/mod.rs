@@ -8,8 +8,11 @@ pub mod correspondence;
 mod deformer;
 pub mod deformers;
 mod fit;
+pub mod gaps;
+pub mod model_fit;
 pub mod retarget;
 pub mod schedule;
+pub mod standing_start;
 pub mod terms;
 
 pub use deformer::{DeformedSurface, Deformer, DerivativeColumns, VertexResidual};

@@ -9,6 +9,7 @@
 mod capture_origin;
 mod clothing_run;
 mod input_key;
+mod register_run;
 mod registered_run;
 mod run_folder;
 mod sequence_run;
@@ -21,6 +22,7 @@ pub use clothing_run::{
     read_stored_layer,
 };
 pub use input_key::InputKey;
+pub use register_run::{RegisterRun, RegisterRunError, RegisterSummary, ScanInput, ScanSummary, list_scans};
 pub use registered_run::{
     RegisteredRun, RegisteredRunError, ScanPair, ScanPlaces, decide_by_score, registration_folder,
     round_folder,

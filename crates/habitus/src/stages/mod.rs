@@ -3,3 +3,4 @@
 pub mod extract_clothing;
 pub mod fit_sequence;
 pub mod measure;
+pub mod register;
