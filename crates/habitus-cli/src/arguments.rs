@@ -6,7 +6,7 @@ use clap::{Parser, Subcommand};
 
 use crate::commands::{
     completions, config, demo, evaluate, export, extract_clothing, fit_sequence, generate, learn_clothing,
-    learn_shape, measure, render, report, review, synthesize,
+    learn_shape, measure, register, render, report, review, synthesize,
 };
 
 const EXAMPLES: &str = "\
@@ -48,6 +48,8 @@ pub enum Verb {
     ExtractClothing(extract_clothing::ExtractClothingArguments),
     /// Learn a body model from registered scans
     LearnShape(learn_shape::LearnShapeArguments),
+    /// Bring a template onto raw scans
+    Register(register::RegisterArguments),
     /// Show a body's measurements
     Measure(measure::MeasureArguments),
     /// Accept and reject registrations, worst first, on a local page

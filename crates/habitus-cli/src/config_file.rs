@@ -10,7 +10,9 @@ use habitus::stages::extract_clothing::ExtractClothingConfig;
 use habitus::stages::fit_sequence::FitSequenceConfig;
 use habitus::stages::learn_clothing::LearnClothingConfig;
 use habitus::stages::learn_shape::LearnShapeConfig;
+use habitus::stages::register::RegisterConfig;
 use habitus::stages::synthesize::SynthesizeConfig;
+use habitus_synthetic::raw_scan::{DepthPairSettings, RawScanSettings};
 use habitus_synthetic::sequence::DressedSequenceSettings;
 use serde::{Deserialize, Serialize};
 
@@ -32,8 +34,14 @@ pub struct Settings {
     pub learn_clothing: LearnClothingConfig,
     /// Section of `synthesize`.
     pub synthesize: SynthesizeConfig,
+    /// Section of `register`.
+    pub register: RegisterConfig,
     /// Section of `generate` and of the sequence of `demo`.
     pub generate: DressedSequenceSettings,
+    /// Section of `generate scans`, and of the people of `generate depth-pairs`.
+    pub generate_scans: RawScanSettings,
+    /// Section of the cameras of `generate depth-pairs`.
+    pub generate_depth_pairs: DepthPairSettings,
 }
 
 /// Where settings come from.

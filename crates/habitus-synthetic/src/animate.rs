@@ -86,9 +86,7 @@ impl<'a> Animation<'a> {
     }
 
     fn made_pose(&mut self, stance: &Stance, blend: f64) -> Pose {
-        let skeleton = self.model.skeleton();
-        let mut pose = skeleton.rest_pose();
-        self.set_angles(&mut pose, stance);
+        let mut pose = posed_by_angles(self.model, &self.joints, stance);
         for angle in &mut pose.parameters_mut()[3..] {
             *angle *= blend;
         }
@@ -101,75 +99,6 @@ impl<'a> Animation<'a> {
         let translation = self.stand(&pose, support);
         pose.set_root(root, translation);
         pose
-    }
-
-    fn set_angles(&self, pose: &mut Pose, stance: &Stance) {
-        let skeleton = self.model.skeleton();
-        let (lower, upper) = skeleton.pose_limits();
-        let parameters = pose.parameters_mut();
-        let legs = [
-            [Bone::LeftThigh, Bone::LeftShank, Bone::LeftFoot],
-            [Bone::RightThigh, Bone::RightShank, Bone::RightFoot],
-        ];
-        for (chain, (angles, side)) in legs.into_iter().zip(stance.legs.iter().zip([1.0, -1.0])) {
-            self.set_leg(parameters, skeleton, chain, angles, side);
-        }
-        let arms = [
-            [Bone::LeftUpperArm, Bone::LeftForearm, Bone::LeftHand],
-            [Bone::RightUpperArm, Bone::RightForearm, Bone::RightHand],
-        ];
-        for (chain, (angles, side)) in arms.into_iter().zip(stance.arms.iter().zip([1.0, -1.0])) {
-            self.set_arm(parameters, skeleton, chain, angles, side);
-        }
-        let thorax = DMat3::from_rotation_y(stance.thorax_turn)
-            * DMat3::from_rotation_z(-stance.thorax_list)
-            * DMat3::from_rotation_x(stance.thorax_flexion);
-        set_rotation(parameters, skeleton, Bone::Thorax, thorax);
-        for ((angle, low), high) in parameters.iter_mut().zip(lower).zip(upper) {
-            *angle = angle.clamp(low, high);
-        }
-    }
-
-    fn set_leg(
-        &self,
-        parameters: &mut [f64],
-        skeleton: &Skeleton,
-        chain: [Bone; 3],
-        angles: &LegAngles,
-        side: f64,
-    ) {
-        let [thigh, shank, foot] = chain;
-        let leg = self.joints[foot as usize] - self.joints[thigh as usize];
-        // The rest pose stands with legs apart; walking brings the feet together.
-        let rest_abduction = (leg.x * side).atan2(-leg.y);
-        let outwards = DMat3::from_rotation_z(side * (angles.hip_abduction - rest_abduction));
-        set_rotation(parameters, skeleton, thigh, DMat3::from_rotation_x(-angles.hip_flexion) * outwards);
-        set_flexion(parameters, skeleton, shank, angles.knee_flexion);
-        set_turn(parameters, skeleton, foot, -angles.ankle_dorsiflexion, DVec3::X);
-    }
-
-    fn set_arm(
-        &self,
-        parameters: &mut [f64],
-        skeleton: &Skeleton,
-        chain: [Bone; 3],
-        angles: &ArmAngles,
-        side: f64,
-    ) {
-        let [upper_arm, forearm, hand] = chain.map(|bone| self.joints[bone as usize]);
-        let rest = (forearm - upper_arm).normalize_or_zero();
-        let rest_bend = rest.angle_between(hand - forearm);
-        let [upper_arm, forearm, _] = chain;
-        let hanging =
-            DVec3::new(side * angles.shoulder_abduction.sin(), -angles.shoulder_abduction.cos(), 0.0);
-        let wanted = DMat3::from_rotation_x(-angles.shoulder_flexion) * hanging;
-        set_rotation(
-            parameters,
-            skeleton,
-            upper_arm,
-            DMat3::from_quat(DQuat::from_rotation_arc(rest, wanted)),
-        );
-        set_flexion(parameters, skeleton, forearm, angles.elbow_flexion - rest_bend);
     }
 
     /// Root translation that keeps the loaded sole points where they were and the standing feet on the floor.
@@ -209,6 +138,72 @@ impl<'a> Animation<'a> {
         self.last = Some((soles, translation));
         translation
     }
+}
+
+/// The pose of a body whose joints have these anatomical angles; the root stays at rest.
+pub(crate) fn posed_by_angles(model: &BodyModel, joints: &[DVec3], stance: &Stance) -> Pose {
+    let skeleton = model.skeleton();
+    let mut pose = skeleton.rest_pose();
+    let (lower, upper) = skeleton.pose_limits();
+    let parameters = pose.parameters_mut();
+    let legs = [
+        [Bone::LeftThigh, Bone::LeftShank, Bone::LeftFoot],
+        [Bone::RightThigh, Bone::RightShank, Bone::RightFoot],
+    ];
+    for (chain, (angles, side)) in legs.into_iter().zip(stance.legs.iter().zip([1.0, -1.0])) {
+        set_leg(parameters, skeleton, joints, chain, angles, side);
+    }
+    let arms = [
+        [Bone::LeftUpperArm, Bone::LeftForearm, Bone::LeftHand],
+        [Bone::RightUpperArm, Bone::RightForearm, Bone::RightHand],
+    ];
+    for (chain, (angles, side)) in arms.into_iter().zip(stance.arms.iter().zip([1.0, -1.0])) {
+        set_arm(parameters, skeleton, joints, chain, angles, side);
+    }
+    let thorax = DMat3::from_rotation_y(stance.thorax_turn)
+        * DMat3::from_rotation_z(-stance.thorax_list)
+        * DMat3::from_rotation_x(stance.thorax_flexion);
+    set_rotation(parameters, skeleton, Bone::Thorax, thorax);
+    for ((angle, low), high) in parameters.iter_mut().zip(lower).zip(upper) {
+        *angle = angle.clamp(low, high);
+    }
+    pose
+}
+
+fn set_leg(
+    parameters: &mut [f64],
+    skeleton: &Skeleton,
+    joints: &[DVec3],
+    chain: [Bone; 3],
+    angles: &LegAngles,
+    side: f64,
+) {
+    let [thigh, shank, foot] = chain;
+    let leg = joints[foot as usize] - joints[thigh as usize];
+    // The rest pose stands with legs apart; walking brings the feet together.
+    let rest_abduction = (leg.x * side).atan2(-leg.y);
+    let outwards = DMat3::from_rotation_z(side * (angles.hip_abduction - rest_abduction));
+    set_rotation(parameters, skeleton, thigh, DMat3::from_rotation_x(-angles.hip_flexion) * outwards);
+    set_flexion(parameters, skeleton, shank, angles.knee_flexion);
+    set_turn(parameters, skeleton, foot, -angles.ankle_dorsiflexion, DVec3::X);
+}
+
+fn set_arm(
+    parameters: &mut [f64],
+    skeleton: &Skeleton,
+    joints: &[DVec3],
+    chain: [Bone; 3],
+    angles: &ArmAngles,
+    side: f64,
+) {
+    let [upper_arm, forearm, hand] = chain.map(|bone| joints[bone as usize]);
+    let rest = (forearm - upper_arm).normalize_or_zero();
+    let rest_bend = rest.angle_between(hand - forearm);
+    let [upper_arm, forearm, _] = chain;
+    let hanging = DVec3::new(side * angles.shoulder_abduction.sin(), -angles.shoulder_abduction.cos(), 0.0);
+    let wanted = DMat3::from_rotation_x(-angles.shoulder_flexion) * hanging;
+    set_rotation(parameters, skeleton, upper_arm, DMat3::from_quat(DQuat::from_rotation_arc(rest, wanted)));
+    set_flexion(parameters, skeleton, forearm, angles.elbow_flexion - rest_bend);
 }
 
 /// The lowest vertex in the rear (−1) or front (1) half of a foot.

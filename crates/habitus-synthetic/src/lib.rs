@@ -21,6 +21,7 @@ pub mod garment;
 pub mod isosurface;
 pub mod motion;
 mod random;
+pub mod raw_scan;
 pub mod refit;
 pub mod remesh;
 pub mod rest_body;

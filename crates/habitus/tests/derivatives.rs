@@ -4,12 +4,13 @@
 //! below therefore pairs each term with each deformer, once through the batched kernels and once through the plain form.
 #![allow(clippy::expect_used, clippy::panic, reason = "a test may fail loudly")]
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use habitus::body::{BodyModel, BodySurface};
 use habitus::fitting::correspondence::Correspondence;
-use habitus::fitting::deformers::{BodyParameters, FreeParameters};
+use habitus::fitting::deformers::{BodyParameters, FreeParameters, VertexAffines};
 use habitus::fitting::terms::{
-    ClosestPoints, DistanceForm, InsideClothing, LandmarkPull, LandmarkTargets, StayNear,
+    AffineMetric, ClosestPoints, DistanceForm, InsideClothing, LandmarkPull, LandmarkTargets, SmoothAffines,
+    StayNear,
 };
 use habitus::fitting::{DeformedSurface, Deformer, DerivativeColumns, Fit, Term};
 use habitus::optimize::{
@@ -37,66 +38,6 @@ fn small_body() -> BodySurface {
         })
         .collect();
     model.surface().truncated(COMPONENT_COUNT).subset(&vertices)
-}
-
-/// P1 §3.1: each vertex moves by its own affine map, here about the surface's middle: A (p − c) + c + t.
-struct VertexAffines {
-    rest: Vec<DVec3>,
-    middle: DVec3,
-}
-
-impl VertexAffines {
-    const PARAMETERS: usize = 12;
-
-    fn new(rest: Vec<DVec3>) -> Self {
-        let middle = rest.iter().copied().sum::<DVec3>() / rest.len() as f64;
-        Self { rest, middle }
-    }
-
-    fn parameters(&self, random: &mut Random, size: f64) -> Vec<f64> {
-        let identity = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
-        self.rest.iter().flat_map(|_| identity).map(|value| value + size * random.signed()).collect()
-    }
-}
-
-impl Deformer for VertexAffines {
-    fn parameter_count(&self) -> usize {
-        Self::PARAMETERS * self.rest.len()
-    }
-
-    fn deform<'a>(&'a self, parameters: &'a [f64]) -> Box<dyn DeformedSurface + 'a> {
-        let vertices = self
-            .rest
-            .iter()
-            .zip(parameters.chunks_exact(Self::PARAMETERS))
-            .map(|(rest, own)| {
-                let linear = DMat3::from_cols_slice(&own[..9]);
-                linear * (*rest - self.middle) + self.middle + DVec3::from_slice(&own[9..])
-            })
-            .collect();
-        Box::new(AffineSurface { deformer: self, vertices })
-    }
-}
-
-struct AffineSurface<'a> {
-    deformer: &'a VertexAffines,
-    vertices: Vec<DVec3>,
-}
-
-impl DeformedSurface for AffineSurface<'_> {
-    fn vertices(&self) -> &[DVec3] {
-        &self.vertices
-    }
-
-    fn vertex_derivatives(&self, vertex: usize, columns: &mut DerivativeColumns) {
-        let first = VertexAffines::PARAMETERS * vertex;
-        let arm = self.deformer.rest[vertex] - self.deformer.middle;
-        for (block, factor) in arm.to_array().into_iter().chain([1.0]).enumerate() {
-            for (axis, direction) in DVec3::AXES.into_iter().enumerate() {
-                columns.push((first + 3 * block + axis, direction * factor));
-            }
-        }
-    }
 }
 
 /// The same deformer without its batched kernels, its derivatives multiplied by a factor.
@@ -189,6 +130,11 @@ fn poses(surface: &BodySurface, random: &mut Random) -> Vec<Vec<f64>> {
     turns.into_iter().chain([bent(0.0), bent(1e-6), bent(0.3), bent(1.2)]).collect()
 }
 
+/// P1 §3.1: each vertex moves by its own affine map.
+fn small_affines(surface: &BodySurface) -> VertexAffines {
+    VertexAffines::new(surface.mean_vertices()[..AFFINE_VERTEX_COUNT].to_vec(), 1.7)
+}
+
 /// Calls `check` with each deformer and parameters of it: the body's three kinds at six poses, and vertex affines.
 fn for_each_deformer(mut check: impl FnMut(&str, &dyn Deformer, &[f64])) {
     let surface = small_body();
@@ -202,9 +148,10 @@ fn for_each_deformer(mut check: impl FnMut(&str, &dyn Deformer, &[f64])) {
         let of_both = BodyParameters::new(&surface, FreeParameters::IdentityAndPose);
         check(&format!("identity and pose {index}"), &of_both, &[identity, pose].concat());
     }
-    let affines = VertexAffines::new(surface.mean_vertices()[..AFFINE_VERTEX_COUNT].to_vec());
+    let affines = small_affines(&surface);
     for size in [0.0, 0.2] {
-        check("vertex affines", &affines, &affines.parameters(&mut random, size));
+        let parameters: Vec<f64> = (0..affines.parameter_count()).map(|_| size * random.signed()).collect();
+        check("vertex affines", &affines, &parameters);
     }
 }
 
@@ -245,6 +192,27 @@ fn batched_kernels_add_what_the_plain_form_adds() {
         let (batched, plain) = (Fit::new(deformer).with(0.7, term), Fit::new(&plain).with(0.7, term));
         assert_same_contributions(&batched, &plain, parameters);
     });
+}
+
+#[test]
+fn derivatives_of_smooth_affines_follow_from_their_values() {
+    let affines = small_affines(&small_body());
+    let edges: Vec<[u32; 2]> =
+        (0..AFFINE_VERTEX_COUNT as u32 - 1).map(|v| [v, v + 1]).chain([[0, 5]]).collect();
+    let mut random = Random::new(5);
+    for metric in
+        [AffineMetric::AtEdge, AffineMetric::Printed { unit: 0.001 }, AffineMetric::Printed { unit: 1.0 }]
+    {
+        let term = SmoothAffines::new(&affines, &edges, metric);
+        let parameters: Vec<f64> = (0..affines.parameter_count()).map(|_| 0.2 * random.signed()).collect();
+        assert_agrees("smooth affines", &affines, &term, &parameters);
+        // Beside the data, as P1 Eq. 7 adds them up.
+        let terms = terms(&affines, &parameters, &mut random);
+        let together = terms
+            .iter()
+            .fold(Fit::new(&affines).with(3.0, &term), |fit, other| fit.with(1.0, other.as_ref()));
+        assert_derivatives_match(&together, &parameters);
+    }
 }
 
 #[test]

@@ -1,26 +1,22 @@
 //! `habitus evaluate`.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
-use std::time::Instant;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::{Args, Subcommand};
-use habitus::artifacts::clothing_controls::ParameterTable;
 use habitus::artifacts::write_atomically;
-use habitus::evaluation::clothing_metrics::ClothingMetrics;
 use habitus::evaluation::sequence_accuracy::SequenceAccuracy;
-use habitus::pipeline::{ClothingEvaluation, MeasuredFit, measure_stored_fit, read_layers, read_stored_fit};
-use habitus_report::clothing::clothing_page;
+use habitus::pipeline::{MeasuredFit, measure_stored_fit, read_stored_fit};
 use habitus_synthetic::truth::DressedTruth;
+use serde::Serialize;
 
 use crate::Outcome;
-use crate::clock::StageClock;
+use crate::commands::evaluate_clothing::ClothingArguments;
+use crate::commands::evaluate_registrations::RegistrationsArguments;
 use crate::commands::evaluate_space::ShapeSpaceArguments;
 use crate::commands::generate::{sequence_truth, truth_of_frames};
-use crate::config_file::SettingsArguments;
 use crate::console::Console;
-use crate::progress::{RunObserver, StageBar};
 use crate::sequence_job::{accuracy, accuracy_table, load_model};
 
 const EXAMPLES: &str = "\
@@ -41,6 +37,8 @@ pub struct EvaluateArguments {
 pub enum Subject {
     /// Compare fits with the sequence that was made by: habitus generate
     Sequence(SequenceArguments),
+    /// Compare registrations with the scans that were made by: habitus generate scans
+    Registrations(RegistrationsArguments),
     /// Measure how good a shape space is: compactness, generalization, specificity
     ShapeSpace(ShapeSpaceArguments),
     /// Measure how well clothes are learnt from layers: components, splits, baselines, penetration
@@ -65,37 +63,13 @@ pub struct SequenceArguments {
     pub output: Option<PathBuf>,
 }
 
-const CLOTHING_EXAMPLES: &str = "\
-Examples:
-  habitus evaluate clothing run -o clothing
-  habitus evaluate clothing fabrics/* --parameters fabrics/parameters.csv -o clothing
-
-Writes metrics.json and report.html.";
-
-/// Arguments for clothing.
-#[derive(Debug, Args)]
-#[command(after_help = CLOTHING_EXAMPLES)]
-pub struct ClothingArguments {
-    /// Runs with a clothing layer, or layer files; of one outfit
-    #[arg(required = true, value_name = "LAYER_RUN")]
-    pub layers: Vec<PathBuf>,
-    /// Folder for the numbers and the page
-    #[arg(long, short, value_name = "DIR")]
-    pub output: PathBuf,
-    /// Table of fabrics or sizes: one row a sequence, its name first
-    #[arg(long, value_name = "FILE")]
-    pub parameters: Option<PathBuf>,
-    /// Settings of learn-clothing
-    #[command(flatten)]
-    pub settings: SettingsArguments,
-}
-
 /// Compares.
 pub fn run(arguments: &EvaluateArguments, console: &Console) -> anyhow::Result<Outcome> {
     match &arguments.subject {
         Subject::Sequence(arguments) => evaluate_sequence(arguments, console),
+        Subject::Registrations(arguments) => super::evaluate_registrations::run(arguments, console),
         Subject::ShapeSpace(arguments) => super::evaluate_space::run(arguments, console),
-        Subject::Clothing(arguments) => evaluate_clothing(arguments, console),
+        Subject::Clothing(arguments) => super::evaluate_clothing::run(arguments, console),
     }
 }
 
@@ -114,53 +88,14 @@ fn evaluate_sequence(arguments: &SequenceArguments, console: &Console) -> anyhow
         console.result(format!("{name}\n{}", accuracy_table(&found)));
         results.insert(name, found);
     }
-    if let Some(path) = &arguments.output {
-        let text = serde_json::to_string_pretty(&results)? + "\n";
-        write_atomically(path, text.as_bytes())
-            .with_context(|| format!("{}: the numbers cannot be written", path.display()))?;
-    }
+    write_numbers(arguments.output.as_deref(), &results)?;
     Ok(Outcome::Fine)
 }
 
-fn evaluate_clothing(arguments: &ClothingArguments, console: &Console) -> anyhow::Result<Outcome> {
-    let config = arguments.settings.load()?.learn_clothing;
-    let (names, layers) = read_layers(&arguments.layers)?;
-    let parameters = arguments.parameters.as_deref().map(ParameterTable::read).transpose()?;
-    let mut clock = StageClock::start();
-    let begin = Instant::now();
-    let mut observer = RunObserver { bar: StageBar::new(console), clock: &mut clock };
-    let evaluation = ClothingEvaluation { names, layers, parameters: parameters.as_ref(), config: &config };
-    let metrics = evaluation.run(&mut observer, &|| begin.elapsed().as_secs_f64())?;
-    observer.bar.clear();
-    std::fs::create_dir_all(&arguments.output)
-        .with_context(|| format!("{}: the folder cannot be made", arguments.output.display()))?;
-    let text = serde_json::to_string_pretty(&metrics)? + "\n";
-    for (name, contents) in [("metrics.json", text), ("report.html", clothing_page(&metrics))] {
-        let path = arguments.output.join(name);
-        write_atomically(&path, contents.as_bytes())
-            .with_context(|| format!("{}: cannot be written", path.display()))?;
-    }
-    console.result(clothing_table(&metrics));
-    Ok(Outcome::Fine)
-}
-
-/// The errors as a person reads them.
-fn clothing_table(metrics: &ClothingMetrics) -> String {
-    let mut lines =
-        vec![format!("{} frames of {} sequences, errors in mm", metrics.frames, metrics.sequences.len())];
-    let components: Vec<String> =
-        metrics.pca_error_mm.iter().map(|(count, error)| format!("{count}: {error:.2}")).collect();
-    lines.push(format!("components     {}", components.join("  ")));
-    for (recipe, splits) in &metrics.regression {
-        for (split, errors) in splits {
-            let (train, prediction) = (errors.train_mm, errors.prediction_mm);
-            lines.push(format!("{recipe:18} {split:14} train {train:6.2}  prediction {prediction:6.2}"));
-        }
-    }
-    for (split, baselines) in &metrics.baselines {
-        for (name, error) in baselines {
-            lines.push(format!("{name:18} {split:14}               prediction {error:6.2}"));
-        }
-    }
-    lines.join("\n")
+/// Writes numbers as JSON, if a path is given.
+pub fn write_numbers(path: Option<&Path>, results: &impl Serialize) -> anyhow::Result<()> {
+    let Some(path) = path else { return Ok(()) };
+    let text = serde_json::to_string_pretty(results)? + "\n";
+    write_atomically(path, text.as_bytes())
+        .with_context(|| format!("{}: the numbers cannot be written", path.display()))
 }

@@ -15,7 +15,7 @@ use habitus_synthetic::source_bodies::source_body_names;
 use habitus_synthetic::truth::{DressedTruth, TRUTH_FILE, capture_file, write_sequence};
 
 use crate::Outcome;
-use crate::commands::generate_sets;
+use crate::commands::{generate_scans, generate_sets};
 use crate::config_file::SettingsArguments;
 use crate::console::Console;
 use crate::progress::StageBar;
@@ -25,6 +25,8 @@ Examples:
   habitus generate -o dressed
   habitus generate -o dressed --outfit shirt-and-trousers --motion knee-pulls --subject 3
   habitus generate -o dressed --motion-file walk.bvh --fabric silk-satin
+  habitus generate scans -o lab --count 200
+  habitus generate depth-pairs -o lab --count 20
   habitus generate clothing-data fabrics -o fabrics
   habitus generate benchmark --preset small -o benchmark
 
@@ -76,6 +78,12 @@ pub struct GenerateArguments {
 /// Other kinds of captures.
 #[derive(Debug, Subcommand)]
 pub enum GenerateKind {
+    /// Raw scans of standing people with known correspondence
+    #[command(after_help = generate_scans::SCANS_EXAMPLES)]
+    Scans(generate_scans::ScansArguments),
+    /// Front and back depth images of standing people
+    #[command(after_help = generate_scans::PAIRS_EXAMPLES)]
+    DepthPairs(generate_scans::ScansArguments),
     /// Sequences with truth for clothing models
     #[command(after_help = generate_sets::CLOTHING_EXAMPLES)]
     ClothingData(generate_sets::ClothingDataArguments),
@@ -134,6 +142,12 @@ impl CaptureName {
 /// Makes a sequence.
 pub fn run(arguments: &GenerateArguments, console: &Console) -> anyhow::Result<Outcome> {
     match &arguments.kind {
+        Some(GenerateKind::Scans(scans)) => {
+            return generate_scans::run(scans, generate_scans::Kind::Scans, console);
+        }
+        Some(GenerateKind::DepthPairs(pairs)) => {
+            return generate_scans::run(pairs, generate_scans::Kind::DepthPairs, console);
+        }
         Some(GenerateKind::ClothingData(data)) => return generate_sets::run_clothing_data(data, console),
         Some(GenerateKind::Benchmark(benchmark)) => return generate_sets::run_benchmark(benchmark, console),
         None => {}

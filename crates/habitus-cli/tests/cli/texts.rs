@@ -5,18 +5,20 @@ use std::path::Path;
 use crate::bench::run;
 use crate::words;
 
-const VERBS: [&str; 14] = [
+const VERBS: [&str; 16] = [
     "demo",
-    "fit-sequence",
-    "extract-clothing",
-    "measure",
+    "register",
+    "learn-shape",
     "review",
+    "fit-sequence",
+    "measure",
+    "extract-clothing",
+    "learn-clothing",
+    "synthesize",
     "report",
     "render",
     "export",
     "generate",
-    "learn-clothing",
-    "synthesize",
     "evaluate",
     "config",
     "completions",

@@ -42,6 +42,12 @@ pub enum Code {
     ClothingOffCapture,
     /// Parts of the aligned surface are turned over.
     ClothingFolded,
+    /// Faces of a registered surface lie folded over.
+    SurfaceFolded,
+    /// Edges of a registered surface are stretched or shrunk beyond what a body does.
+    SurfaceStretched,
+    /// The registered surface is far from the landmarks.
+    LandmarksMissed,
 }
 
 impl Code {
@@ -54,6 +60,9 @@ impl Code {
                 | Self::BodyOutsideCapture
                 | Self::BodyNotCovered
                 | Self::NotAPerson
+                | Self::SurfaceFolded
+                | Self::SurfaceStretched
+                | Self::LandmarksMissed
         )
     }
 
@@ -76,6 +85,9 @@ impl Code {
             Self::AlignmentRestarted => "alignment_restarted",
             Self::ClothingOffCapture => "clothing_off_capture",
             Self::ClothingFolded => "clothing_folded",
+            Self::SurfaceFolded => "surface_folded",
+            Self::SurfaceStretched => "surface_stretched",
+            Self::LandmarksMissed => "landmarks_missed",
         }
     }
 }

@@ -23,9 +23,11 @@ pub mod registered_scan;
 pub mod review_decisions;
 mod rig_file;
 pub mod rigged_sequence;
+pub mod scan;
 pub mod sequence_files;
 pub mod skinned_glb;
 pub mod synthesized_sequence;
+pub mod template_mesh;
 
 use std::io::Write;
 use std::path::Path;

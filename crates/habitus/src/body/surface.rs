@@ -142,6 +142,28 @@ impl BodySurface {
         }
     }
 
+    /// The same body with further components behind its own: vertex directions and the joints' that follow from them,
+    /// both in metres for a coefficient of one.
+    pub fn with_components(&self, directions: &[Vec<DVec3>], joints: Vec<Vec<DVec3>>) -> Self {
+        let own = self.component_count;
+        let width = own + directions.len();
+        let mut basis = Vec::with_capacity(3 * width * self.mean.len());
+        for (vertex, rows) in self.basis.chunks_exact((3 * own).max(1)).enumerate() {
+            for axis in 0..3 {
+                basis.extend_from_slice(&rows[axis * own..(axis + 1) * own]);
+                basis.extend(directions.iter().map(|direction| direction[vertex][axis] as f32));
+            }
+        }
+        let mut all_joints = self.joints.basis.clone();
+        all_joints.extend(joints);
+        Self {
+            basis,
+            component_count: width,
+            joints: JointMap { mean: self.joints.mean.clone(), basis: all_joints },
+            ..self.clone()
+        }
+    }
+
     /// P1 Eq. 1 / P2 Eq. 1: rest vertices of an identity, in metres; missing coefficients are zero.
     pub fn rest_vertices(&self, identity: &[f64]) -> Vec<DVec3> {
         let width = self.component_count;

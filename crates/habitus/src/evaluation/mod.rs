@@ -3,6 +3,7 @@
 pub mod clearance;
 pub mod clothing_metrics;
 pub mod layer_reconstruction;
+pub mod registration_accuracy;
 pub mod registration_ranking;
 pub mod sequence_accuracy;
 pub mod shape_space_quality;

@@ -8,9 +8,12 @@ pub mod correspondence;
 mod deformer;
 pub mod deformers;
 mod fit;
+pub mod gaps;
+pub mod model_fit;
 pub mod retarget;
 pub mod same_topology;
 pub mod schedule;
+pub mod standing_start;
 pub mod terms;
 
 pub use deformer::{DeformedSurface, Deformer, DerivativeColumns, VertexResidual};

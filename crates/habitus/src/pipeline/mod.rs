@@ -12,6 +12,7 @@ mod clothing_model_run;
 mod clothing_run;
 mod input_key;
 mod learnt_shape;
+mod register_run;
 mod registered_run;
 mod run_folder;
 mod sequence_run;
@@ -33,6 +34,7 @@ pub use input_key::InputKey;
 pub use learnt_shape::{
     LearnFolderError, RegistrationFolder, SubjectGroup, learn_shape_to_file, settings_of_model,
 };
+pub use register_run::{RegisterRun, RegisterRunError, RegisterSummary, ScanInput, ScanSummary, list_scans};
 pub use registered_run::{
     RegisteredRun, RegisteredRunError, ScanPair, ScanPlaces, decide_by_score, registration_folder,
     round_folder,

@@ -4,7 +4,7 @@ use super::Code;
 
 impl Code {
     /// All codes, in the order of their declaration.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 19] = [
         Self::UnreadableFrame,
         Self::TooFewInliers,
         Self::CaptureNotCovered,
@@ -21,6 +21,9 @@ impl Code {
         Self::AlignmentRestarted,
         Self::ClothingOffCapture,
         Self::ClothingFolded,
+        Self::SurfaceFolded,
+        Self::SurfaceStretched,
+        Self::LandmarksMissed,
     ];
 
     /// What it means, in a sentence.
@@ -48,6 +51,11 @@ impl Code {
             }
             Self::ClothingOffCapture => "The aligned dressed surface lies off its capture.",
             Self::ClothingFolded => "Parts of the aligned dressed surface are turned over.",
+            Self::SurfaceFolded => "Faces of the registered surface lie folded over.",
+            Self::SurfaceStretched => {
+                "The registered surface is stretched or shrunk beyond what a body does."
+            }
+            Self::LandmarksMissed => "The registered surface is far from the landmarks of the scan.",
         }
     }
 
@@ -75,6 +83,10 @@ impl Code {
                 "leave the frame out of learning, or align with more nodes or another template frame"
             }
             Self::NotAPerson => "check the input; say --unit and --up if it is a person",
+            Self::SurfaceFolded | Self::SurfaceStretched => {
+                "look at the registration; reject it, or register again with a model of more people"
+            }
+            Self::LandmarksMissed => "look at the landmarks: left and right, or their names, may be swapped",
         }
     }
 }

@@ -107,9 +107,14 @@ impl ShapeMoments {
         let active: Vec<usize> =
             (0..self.second.len()).filter(|vertex| self.second[*vertex] != [0.0; 6]).collect();
         for panel in active.chunks(PANEL_VERTICES) {
-            let mut stacked = DMatrix::<f64>::zeros(3 * panel.len(), width);
-            for (slot, vertex) in panel.iter().enumerate() {
-                let factor = lower_factor(&self.second[*vertex]);
+            // A moment of few residuals is singular: rows of zeros stay out of the product.
+            let factors: Vec<[f64; 6]> =
+                panel.iter().map(|vertex| lower_factor(&self.second[*vertex])).collect();
+            let row_count = factors.iter().map(|factor| 1 + rank_beyond_one(factor)).sum();
+            let mut stacked = DMatrix::<f64>::zeros(row_count, width);
+            let mut first_row = 0;
+            for (factor, vertex) in factors.iter().zip(panel) {
+                let rank = 1 + rank_beyond_one(factor);
                 let rows = surface.vertex_basis(*vertex);
                 for component in 0..width {
                     let a = [
@@ -117,15 +122,26 @@ impl ShapeMoments {
                         f64::from(rows[width + component]),
                         f64::from(rows[2 * width + component]),
                     ];
-                    stacked[(3 * slot, component)] = factor[0] * a[0] + factor[1] * a[1] + factor[3] * a[2];
-                    stacked[(3 * slot + 1, component)] = factor[2] * a[1] + factor[4] * a[2];
-                    stacked[(3 * slot + 2, component)] = factor[5] * a[2];
+                    let products = [
+                        factor[0] * a[0] + factor[1] * a[1] + factor[3] * a[2],
+                        factor[2] * a[1] + factor[4] * a[2],
+                        factor[5] * a[2],
+                    ];
+                    for (row, product) in products.into_iter().take(rank).enumerate() {
+                        stacked[(first_row + row, component)] = product;
+                    }
                 }
+                first_row += rank;
             }
             // Not gemm_tr, which is a loop of dot products.
             matrix.gemm(1.0, &stacked.transpose(), &stacked, 1.0);
         }
     }
+}
+
+/// How many rows after the first a factor has that are not zero.
+fn rank_beyond_one(factor: &[f64; 6]) -> usize {
+    if factor[5] != 0.0 { 2 } else { usize::from(factor[2] != 0.0 || factor[4] != 0.0) }
 }
 
 /// Lower factor of a positive semidefinite 3 × 3 matrix: (l00, l10, l11, l20, l21, l22).
