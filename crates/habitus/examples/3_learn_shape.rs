@@ -1,6 +1,7 @@
 //! A body model of one's own: made-up registrations (people in slightly different postures) to a model file.
 //!
 //! `cargo run --release --example 3_learn_shape -- FOLDER [COUNT]` writes the registrations too.
+#![allow(clippy::print_stdout, reason = "an example shows what it does")]
 
 use std::error::Error;
 use std::path::PathBuf;

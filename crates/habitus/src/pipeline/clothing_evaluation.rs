@@ -1,6 +1,7 @@
 //! `evaluate clothing`: P3 Tables 1 and 2, the splits that ask for more, and what is compared with them.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 
 use habitus_optimize::{Event, Flow, Observer};
 
@@ -122,15 +123,13 @@ fn measure_split(
     };
     let split = name_of(&config.split);
     metrics.regression.entry(name_of(&config.recipe)).or_default().insert(split.clone(), errors);
-    if !metrics.baselines.contains_key(&split) {
+    if let Entry::Vacant(vacant) = metrics.baselines.entry(split) {
         let mut found = BTreeMap::new();
         for baseline in Baseline::ALL {
-            found.insert(
-                baseline.name().to_owned(),
-                baseline_error(prepared, &learnt, baseline, &train, &test)?,
-            );
+            let error = baseline_error(prepared, &learnt, baseline, &train, &test)?;
+            found.insert(baseline.name().to_owned(), error);
         }
-        metrics.baselines.insert(split, found);
+        vacant.insert(found);
     }
     Ok(learnt)
 }
