@@ -122,7 +122,7 @@ fn measure_split(
     };
     let split = name_of(&config.split);
     metrics.regression.entry(name_of(&config.recipe)).or_default().insert(split.clone(), errors);
-    if !metrics.baselines.contains_key(&split) {
+    if let std::collections::btree_map::Entry::Vacant(place) = metrics.baselines.entry(split) {
         let mut found = BTreeMap::new();
         for baseline in Baseline::ALL {
             found.insert(
@@ -130,7 +130,7 @@ fn measure_split(
                 baseline_error(prepared, &learnt, baseline, &train, &test)?,
             );
         }
-        metrics.baselines.insert(split, found);
+        place.insert(found);
     }
     Ok(learnt)
 }

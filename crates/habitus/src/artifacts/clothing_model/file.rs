@@ -151,11 +151,14 @@ pub fn read_clothing_model(path: &Path) -> Result<ClothingModel, ClothingModelEr
     })
 }
 
+/// A sequence's name and its poses.
+type NamedPoses = (String, Vec<Vec<f64>>);
+
 fn read_motions(
     file: &mut NpzReader,
     lengths: &[(String, usize)],
     pose_length: usize,
-) -> Result<Vec<(String, Vec<Vec<f64>>)>, NpzError> {
+) -> Result<Vec<NamedPoses>, NpzError> {
     let array = file.floats("motion_pose")?;
     let count = lengths.iter().fold(0_usize, |sum, (_, length)| sum.saturating_add(*length));
     file.expect_shape("motion_pose", &array, &[Some(count), Some(pose_length)])?;
