@@ -93,7 +93,7 @@ fn at(mesh: &TriangleMesh, point: &SurfacePoint) -> DVec3 {
 }
 
 #[test]
-#[ignore = "slow: aligns nine frames, about a minute of one core"]
+#[ignore = "not met yet: 4.8 mm to the capture and 8 % of the faces turned over, where 1.5 mm and 1 % are asked for"]
 fn captures_without_correspondences_are_brought_into_one_connectivity() {
     let fit = fitted();
     let truth: Vec<TriangleMesh> = (0..FRAMES).map(|frame| dressed(&fit, frame)).collect();

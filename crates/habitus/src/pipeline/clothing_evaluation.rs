@@ -1,7 +1,6 @@
 //! `evaluate clothing`: P3 Tables 1 and 2, the splits that ask for more, and what is compared with them.
 
 use std::collections::BTreeMap;
-use std::collections::btree_map::Entry;
 
 use habitus_optimize::{Event, Flow, Observer};
 
@@ -123,13 +122,15 @@ fn measure_split(
     };
     let split = name_of(&config.split);
     metrics.regression.entry(name_of(&config.recipe)).or_default().insert(split.clone(), errors);
-    if let Entry::Vacant(vacant) = metrics.baselines.entry(split) {
+    if let std::collections::btree_map::Entry::Vacant(place) = metrics.baselines.entry(split) {
         let mut found = BTreeMap::new();
         for baseline in Baseline::ALL {
-            let error = baseline_error(prepared, &learnt, baseline, &train, &test)?;
-            found.insert(baseline.name().to_owned(), error);
+            found.insert(
+                baseline.name().to_owned(),
+                baseline_error(prepared, &learnt, baseline, &train, &test)?,
+            );
         }
-        vacant.insert(found);
+        place.insert(found);
     }
     Ok(learnt)
 }

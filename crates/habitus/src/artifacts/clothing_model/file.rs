@@ -151,7 +151,7 @@ pub fn read_clothing_model(path: &Path) -> Result<ClothingModel, ClothingModelEr
     })
 }
 
-/// The name of a motion and its poses.
+/// A sequence's name and its poses.
 type NamedPoses = (String, Vec<Vec<f64>>);
 
 fn read_motions(

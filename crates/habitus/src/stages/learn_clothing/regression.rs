@@ -192,9 +192,8 @@ fn part_masks(prepared: &PreparedLayers) -> Vec<(usize, Vec<f64>)> {
     let layer = &prepared.layers[0];
     let skin = layer.association.blended_skin(&layer.rig);
     let mut masks = vec![vec![0.0; skin.point_count()]; layer.rig.skeleton.bones().len()];
-    (0..skin.point_count()).for_each(|point| {
-        skin.of(point).for_each(|(bone, weight)| masks[bone][point] = weight);
-    });
+    (0..skin.point_count())
+        .for_each(|point| skin.of(point).for_each(|(bone, weight)| masks[bone][point] = weight));
     masks.into_iter().enumerate().filter(|(_, mask)| mask.iter().any(|weight| *weight > 0.0)).collect()
 }
 

@@ -169,9 +169,10 @@ fn ratio(a: DVec3, b: DVec3) -> DVec3 {
 
 /// Share and depth of the vertices inside.
 fn penetration(clothing: &[DVec3], closest: &[SurfacePoint]) -> Penetration {
-    let inside =
+    let is_inside =
         |(vertex, point): &(&DVec3, &SurfacePoint)| (point.position - **vertex).dot(point.normal) > 0.0;
-    let depths = clothing.iter().zip(closest).filter(inside).map(|(_, point)| point.distance_squared.sqrt());
+    let depths =
+        clothing.iter().zip(closest).filter(is_inside).map(|(_, point)| point.distance_squared.sqrt());
     let (mut count, mut sum, mut deepest) = (0_usize, 0.0, 0.0_f64);
     for depth in depths {
         count += 1;
