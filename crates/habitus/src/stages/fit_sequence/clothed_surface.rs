@@ -6,7 +6,7 @@
 use glam::DVec3;
 
 use super::body_levels::BodyLevel;
-use super::captured_frame::{CaptureSample, CapturedFrame};
+use super::captured_frame::{CaptureSample, CapturedFrame, bounds_of};
 use super::config::SurfaceConfig;
 use crate::body::PartLabel;
 use crate::fitting::correspondence::{ClosestField, Correspondence};
@@ -33,15 +33,18 @@ pub(super) fn weigh_one_sided(
     let beyond = pair.signed_distance - config.outside_tolerance;
     let (distance, weight, scale) = if beyond > 0.0 {
         pair.target += pair.normal * config.outside_tolerance;
-        let weight = if part == PartLabel::Hand { config.hand_outside_weight } else { config.outside_weight };
-        (beyond, weight, config.outside_scale)
+        (beyond, config.outside_weight, config.outside_scale)
     } else if part.is_bare() {
         (pair.signed_distance, config.bare_weight, config.bare_scale)
     } else {
         (pair.signed_distance, inside.0, inside.1)
     };
     let squared = distance * distance;
-    pair.weight = weight * robust_weight(squared, scale);
+    // Fingers that stick out of a fist are pulled in, but say nothing against the pose: a hand that has gone astray
+    // into the trunk has none outside.
+    let is_finger_outside = beyond > 0.0 && part == PartLabel::Hand;
+    let pull = if is_finger_outside { config.hand_outside_weight } else { weight };
+    pair.weight = pull * robust_weight(squared, scale);
     weight * robust_energy(squared, scale)
 }
 
@@ -122,6 +125,53 @@ pub(super) fn capture_pairs(
         })
         .collect();
     (pairs, energy / weight_sum)
+}
+
+/// Pairs from capture samples to bare vertices that lie inside them. Bare parts are two-sided in both directions: the
+/// closest points of a toe lie above and below it, and only the capture's own tip says how long the foot is.
+pub(super) fn bare_capture_pairs(
+    level: &BodyLevel,
+    frame: &CapturedFrame,
+    vertices: &[DVec3],
+    normals: &[DVec3],
+    config: &SurfaceConfig,
+) -> Vec<Correspondence> {
+    let smallest_cosine = config.compatibility.angle_deg.to_radians().cos();
+    let reach = DVec3::splat(config.bare_scale);
+    let boxes: Vec<[DVec3; 2]> = level
+        .extremities
+        .iter()
+        .map(|part| {
+            let positions: Vec<DVec3> = part.iter().map(|vertex| vertices[*vertex as usize]).collect();
+            let [low, high] = bounds_of(&positions);
+            [low - reach, high + reach]
+        })
+        .collect();
+    let is_near = |position: DVec3| {
+        boxes.iter().any(|[low, high]| position.cmpge(*low).all() && position.cmple(*high).all())
+    };
+    // A sample stands for as much area as a vertex would if there were as many of both.
+    let share = config.bare_capture_weight * vertices.len() as f64 / frame.samples.len().max(1) as f64;
+    frame
+        .samples
+        .iter()
+        .filter(|sample| is_near(sample.position))
+        .filter_map(|sample| {
+            let (vertex, squared) = nearest(vertices, normals, sample.position, sample.normal)?;
+            let signed_distance = (vertices[vertex] - sample.position).dot(sample.normal);
+            let is_pulled = level.parts[vertex].is_bare()
+                && signed_distance < 0.0
+                && normals[vertex].dot(sample.normal) >= smallest_cosine;
+            is_pulled.then(|| Correspondence {
+                vertex: vertex as u32,
+                target: sample.position,
+                normal: sample.normal,
+                is_outside: false,
+                signed_distance,
+                weight: share * robust_weight(squared, config.bare_scale),
+            })
+        })
+        .collect()
 }
 
 /// Share of all samples that look like a limb and have no body within `distance`: a limb that has gone astray.

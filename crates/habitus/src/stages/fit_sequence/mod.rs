@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use self::body_levels::{BodyLevel, PreparedIdentity};
-use self::captured_frame::{CapturedFrame, FitFromInput};
+use self::captured_frame::{CapturedFrame, FitFromInput, LimbSearch};
 pub use self::config::FitSequenceConfig;
 use self::config::{Recipe, SurfaceConfig};
 use self::frame_codes::{FrameQuality, is_temporal_jump, judge_frame};
@@ -186,11 +186,10 @@ impl<'a> Stage<'a> {
             component_count,
             final_surface: SurfaceConfig {
                 outside_weight: config.refine.final_outside_weight,
-                hand_outside_weight: config
-                    .surface
-                    .hand_outside_weight
-                    .max(config.refine.final_outside_weight),
+                hand_outside_weight: config.refine.final_hand_outside_weight,
                 outside_tolerance: config.refine.final_outside_tolerance,
+                // Toes and crown have found their length; from here on the body is only brought inside.
+                bare_capture_weight: 0.0,
                 ..config.surface.clone()
             },
             coarse: BodyLevel::spread(model, config.track.coarse_vertex_count, component_count),
@@ -200,10 +199,20 @@ impl<'a> Stage<'a> {
     }
 
     fn load(&self, frame: usize, fit_from_input: &FitFromInput) -> Result<CapturedFrame, FitSequenceError> {
+        self.load_with(frame, fit_from_input, LimbSearch::Wanted)
+    }
+
+    fn load_with(
+        &self,
+        frame: usize,
+        fit_from_input: &FitFromInput,
+        limbs: LimbSearch,
+    ) -> Result<CapturedFrame, FitSequenceError> {
         let name = self.source.name(frame);
         let surface = self.source.surface(frame)?;
+        let identifier = (self.config.seed, &name[..]);
         let mut capture =
-            CapturedFrame::prepare(surface, fit_from_input, &self.config.frame, self.config.seed, &name)?;
+            CapturedFrame::prepare(surface, fit_from_input, &self.config.frame, identifier, limbs)?;
         let names = &self.model.metadata().landmarks;
         for given in self.user_landmarks.iter().filter(|given| given.frame == name) {
             if let Some(landmark) = names.iter().position(|name| *name == given.landmark) {
@@ -277,7 +286,7 @@ impl<'a> Stage<'a> {
         for pass in 0..passes {
             progress(observer, "refine", pass, passes + 1)?;
             let solver = self.solver(&track.identity)?;
-            let load = |frame: usize| self.load(frame, &fit_from_input).ok();
+            let load = |frame: usize| self.load_with(frame, &fit_from_input, LimbSearch::Unneeded).ok();
             let prior = |frame: usize| self.smoothness_prior(tracked, frame);
             let step = refine_pass(
                 &solver,
