@@ -425,6 +425,7 @@ impl<'a> Stage<'a> {
                 inlier_share: 0.0,
                 outside_share_5mm: 0.0,
                 outside_mean: 0.0,
+                clearance_percentiles: None,
                 energy: 0.0,
                 seconds: 0.0,
                 capture_scale: 1.0,
@@ -450,6 +451,7 @@ impl<'a> Stage<'a> {
             inlier_share: quality.inlier_share,
             outside_share_5mm: quality.outside_share_5mm,
             outside_mean: quality.outside_mean,
+            clearance_percentiles: percentiles(&quality.clearance),
             energy: quality.energy,
             seconds: 0.0,
             capture_scale,
@@ -478,6 +480,14 @@ impl<'a> Stage<'a> {
         }
         codes
     }
+}
+
+/// 5, 25, 50, 75 and 95 % of the values.
+fn percentiles(values: &[f64]) -> Option<[f64; 5]> {
+    let mut sorted = values.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let last = sorted.len().checked_sub(1)?;
+    Some([0.05, 0.25, 0.5, 0.75, 0.95].map(|share: f64| sorted[(share * last as f64).round() as usize]))
 }
 
 impl PoseSolver<'_> {
