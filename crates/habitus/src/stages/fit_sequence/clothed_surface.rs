@@ -196,3 +196,69 @@ fn nearest(vertices: &[DVec3], normals: &[DVec3], position: DVec3, normal: DVec3
     }
     best
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+    use habitus_geometry::{Surface, TriangleMesh};
+
+    use super::super::captured_frame::{FitFromInput, LimbSearch};
+    use super::super::config::FrameConfig;
+    use super::*;
+    use crate::body::BodyModel;
+
+    fn pair(signed_distance: f64) -> Correspondence {
+        Correspondence {
+            vertex: 0,
+            target: DVec3::ZERO,
+            normal: DVec3::Z,
+            is_outside: signed_distance > 0.0,
+            signed_distance,
+            weight: 1.0,
+        }
+    }
+
+    #[test]
+    fn a_finger_outside_pulls_like_a_hand_and_costs_like_any_vertex() {
+        let config = SurfaceConfig::default();
+        let (mut finger, mut toe) = (pair(0.03), pair(0.03));
+        let costs = [(&mut finger, PartLabel::Hand), (&mut toe, PartLabel::Foot)]
+            .map(|(pair, part)| weigh_one_sided(pair, part, (0.1, 0.03), &config));
+        assert_eq!(costs[0], costs[1]);
+        let ratio = config.hand_outside_weight / config.outside_weight;
+        assert!((finger.weight / toe.weight - ratio).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_capture_beyond_the_toes_draws_feet_hands_and_head_out_and_leaves_the_trunk() {
+        let model = BodyModel::default_space().expect("the embedded model");
+        let level = BodyLevel::full(&model, 1);
+        let vertices = model.mean_vertices();
+        let normals = habitus_geometry::vertex_normals(vertices, model.faces());
+        // The capture is the body, two centimetres thicker all over.
+        let thicker: Vec<DVec3> = vertices.iter().zip(&normals).map(|(v, n)| *v + *n * 0.02).collect();
+        let mesh = TriangleMesh::new(thicker, model.faces().to_vec()).expect("a mesh");
+        let fit_from_input = FitFromInput {
+            scale: 1.0,
+            rotation: DMat3::IDENTITY,
+            translation: DVec3::ZERO,
+            usual_size: super::super::captured_frame::size_of(&Surface::Mesh(mesh.clone())),
+        };
+        let frame = CapturedFrame::prepare(
+            Surface::Mesh(mesh),
+            &fit_from_input,
+            &FrameConfig::default(),
+            (1, "body"),
+            LimbSearch::Unneeded,
+        )
+        .expect("a frame");
+        let pairs = bare_capture_pairs(&level, &frame, vertices, &normals, &SurfaceConfig::default());
+        for pair in &pairs {
+            assert!(level.parts[pair.vertex as usize].is_bare() && pair.signed_distance < 0.0);
+            assert!(pair.weight > 0.0);
+        }
+        for part in &level.extremities {
+            assert!(pairs.iter().any(|pair| part.contains(&pair.vertex)), "nothing draws a part out");
+        }
+    }
+}

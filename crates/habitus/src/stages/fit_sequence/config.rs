@@ -212,7 +212,7 @@ impl Default for SurfaceConfig {
             outside_scale: 0.12,
             bare_weight: 1.0,
             bare_scale: 0.06,
-            bare_capture_weight: 0.7,
+            bare_capture_weight: 1.0,
         }
     }
 }
@@ -299,11 +299,12 @@ pub struct RefineConfig {
     /// Geman–McClure scale of that attraction in the first and in the last pass. A body that starts too thin must
     /// still feel the cloth around it, or it stays thin.
     pub contact_scale: [f64; 2],
+    /// `bare_capture_weight` of the refinement: tracking and the first identity have drawn the feet out, and shoes and hair
+    /// are thicker than skin.
+    pub bare_capture_weight: f64,
     /// Weight of a vertex outside the capture in the final pass: with the identity settled, the pose alone can bring it
     /// in, and no longer makes the body thin.
     pub final_outside_weight: f64,
-    /// The same for hands: fingers are brought into their fist without a say in the length of the arm.
-    pub final_hand_outside_weight: f64,
     /// Outside tolerance of the final pass.
     pub final_outside_tolerance: f64,
     /// Pose rounds of the final pass over all frames, before one more on all vertices.
@@ -327,13 +328,13 @@ impl Default for RefineConfig {
             passes: 4,
             pose_rounds: 2,
             residual_deviation: 0.006,
-            independent_residuals: 150.0,
+            independent_residuals: 500.0,
             smoothness: 2e-5,
             clearance_tolerance: 0.008,
-            contact_weight: 0.6,
+            contact_weight: 0.4,
             contact_scale: [0.08, 0.02],
+            bare_capture_weight: 0.4,
             final_outside_weight: 30.0,
-            final_hand_outside_weight: 200.0,
             final_outside_tolerance: 0.001,
             final_rounds: 2,
         }

@@ -146,6 +146,8 @@ struct Stage<'a> {
     component_count: usize,
     /// Few vertices, for the first rounds of tracking.
     coarse: BodyLevel,
+    /// The surface energy of the joint refinement.
+    refine_surface: SurfaceConfig,
     /// The surface energy of the final pass.
     final_surface: SurfaceConfig,
     /// Enough vertices to see the identity.
@@ -184,9 +186,16 @@ impl<'a> Stage<'a> {
             config,
             user_landmarks,
             component_count,
+            refine_surface: SurfaceConfig {
+                bare_capture_weight: config.refine.bare_capture_weight,
+                ..config.surface.clone()
+            },
             final_surface: SurfaceConfig {
                 outside_weight: config.refine.final_outside_weight,
-                hand_outside_weight: config.refine.final_hand_outside_weight,
+                hand_outside_weight: config
+                    .surface
+                    .hand_outside_weight
+                    .max(config.refine.final_outside_weight),
                 outside_tolerance: config.refine.final_outside_tolerance,
                 // Toes and crown have found their length; from here on the body is only brought inside.
                 bare_capture_weight: 0.0,
@@ -224,7 +233,7 @@ impl<'a> Stage<'a> {
         Ok(capture)
     }
 
-    /// Solver for tracking and refinement.
+    /// Solver for tracking and the first identity.
     fn solver(&self, identity: &[f64]) -> Result<PoseSolver<'_>, FitSequenceError> {
         self.solver_at(&self.medium, &self.config.surface, identity)
     }
@@ -285,7 +294,7 @@ impl<'a> Stage<'a> {
         let fit_from_input = track.orientation.fit_from_input;
         for pass in 0..passes {
             progress(observer, "refine", pass, passes + 1)?;
-            let solver = self.solver(&track.identity)?;
+            let solver = self.solver_at(&self.medium, &self.refine_surface, &track.identity)?;
             let load = |frame: usize| self.load_with(frame, &fit_from_input, LimbSearch::Unneeded).ok();
             let prior = |frame: usize| self.smoothness_prior(tracked, frame);
             let step = refine_pass(
