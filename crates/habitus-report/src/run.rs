@@ -1,7 +1,7 @@
 //! From a finished fit and its captures to what the report shows.
 //!
-//! Captures are read once more, a few at a time: each gives its clearances (for all frames) and a simplified
-//! mesh (for the frames that the 3D view can hold).
+//! Captures are read once more, a few at a time, for the frames that the 3D view can hold: each gives the clearance
+//! of every vertex and a simplified mesh. The other frames have their clearance from the fit.
 
 use glam::DAffine3;
 use habitus::artifacts::codes::Code;
@@ -83,6 +83,11 @@ fn frame_of_run(
     options: &ReportOptions,
 ) -> (FrameSummary, Option<FrameView>) {
     let fitted = &run.fit.sequence.frames[frame];
+    // A frame that the 3D view leaves out needs its capture only if the fit has not kept its clearance.
+    if let (false, Some(known)) = (is_shown, fitted.clearance_percentiles) {
+        let [p5, p25, p50, p75, p95] = known.map(|metres| metres * 1000.0);
+        return (frame_summary(fitted, Some(Percentiles { p5, p25, p50, p75, p95 })), None);
+    }
     let surface = if frame < run.captures.len() { run.captures.surface(frame).ok() } else { None };
     let captured = CapturedBody::new(run.fit, frame, surface.as_ref());
     let clearance_mm = captured.clearance_mm.unwrap_or_default();

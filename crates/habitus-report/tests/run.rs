@@ -43,6 +43,7 @@ fn fitted_frame(name: String, pose: Vec<f64>, codes: Vec<Code>, capture_scale: f
         inlier_share: 0.9,
         outside_share_5mm: 0.01,
         outside_mean: 0.0002,
+        clearance_percentiles: None,
         energy: 1e-5,
         capture_scale,
         seconds: 0.02,

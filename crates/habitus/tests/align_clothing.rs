@@ -46,6 +46,7 @@ fn fitted() -> RiggedSequence {
                 inlier_share: 1.0,
                 outside_share_5mm: 0.0,
                 outside_mean: 0.0,
+                clearance_percentiles: None,
                 energy: 0.0,
                 capture_scale: 1.0,
                 seconds: 0.0,

@@ -55,6 +55,9 @@ pub struct FittedFrame {
     pub outside_share_5mm: f64,
     /// Mean depth outside the capture over all body vertices, in metres.
     pub outside_mean: f64,
+    /// Clearance below which 5, 25, 50, 75 and 95 % of the body vertices lie, in metres at the size of the body, negative
+    /// outside; none where the frame was not fitted.
+    pub clearance_percentiles: Option<[f64; 5]>,
     /// Energy per vertex at the end, in square metres.
     pub energy: f64,
     /// How much larger this frame's capture is than the rest of the sequence; the body lies in the capture divided by

@@ -43,6 +43,7 @@ pub(crate) fn rigged_sequence(frame_count: usize) -> RiggedSequence {
                 inlier_share: 0.9,
                 outside_share_5mm: 0.01,
                 outside_mean: 2e-4,
+                clearance_percentiles: (frame > 0).then_some([-0.002, 0.004, 0.01, 0.02, 0.05]),
                 energy: 3e-5,
                 capture_scale: if frame == 2 { 1.5 } else { 1.0 },
                 seconds: 0.02,

@@ -293,6 +293,7 @@ fn read_frames(
             inlier_share: number(record.inlier_share),
             outside_share_5mm: number(record.outside_share_5mm),
             outside_mean: number(record.outside_mean),
+            clearance_percentiles: record.clearance_percentiles,
             energy: number(record.energy),
             capture_scale,
             seconds: number(record.seconds),

@@ -41,6 +41,9 @@ pub(super) struct FrameRecord {
     pub(super) inlier_share: Option<f64>,
     pub(super) outside_share_5mm: Option<f64>,
     pub(super) outside_mean: Option<f64>,
+    /// Absent in files of earlier versions.
+    #[serde(default)]
+    pub(super) clearance_percentiles: Option<[f64; 5]>,
     pub(super) energy: Option<f64>,
     pub(super) seconds: Option<f64>,
 }
@@ -63,6 +66,9 @@ impl FitMetadata {
                     inlier_share: finite(frame.inlier_share),
                     outside_share_5mm: finite(frame.outside_share_5mm),
                     outside_mean: finite(frame.outside_mean),
+                    clearance_percentiles: frame
+                        .clearance_percentiles
+                        .filter(|values| values.iter().all(|value| value.is_finite())),
                     energy: finite(frame.energy),
                     seconds: finite(frame.seconds),
                 })

@@ -73,6 +73,13 @@ fn is_limb_like(index: &SurfaceIndex, position: DVec3, normal: DVec3) -> bool {
     })
 }
 
+/// Whether samples must know if they are limb-like; it takes rays, and only tracking and the verdict ask.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum LimbSearch {
+    Wanted,
+    Unneeded,
+}
+
 /// A frame that is ready to be fitted.
 pub(super) struct CapturedFrame {
     pub index: SurfaceIndex,
@@ -125,13 +132,16 @@ impl CapturedFrame {
         surface: Surface,
         fit_from_input: &FitFromInput,
         config: &FrameConfig,
-        seed: u64,
-        name: &str,
+        (seed, name): (u64, &str),
+        limbs: LimbSearch,
     ) -> Result<Self, FitSequenceError> {
         let capture_scale = capture_scale(&surface, fit_from_input.usual_size);
         let fit_from_input = &fit_from_input.rescaled(capture_scale);
         match surface {
-            Surface::Mesh(mesh) => Self::of_mesh(mesh, fit_from_input, config, seed, name, capture_scale),
+            Surface::Mesh(mesh) => {
+                let frame = Self::of_mesh(mesh, fit_from_input, config, (seed, name), limbs)?;
+                Ok(Self { capture_scale, ..frame })
+            }
             Surface::Cloud(cloud) => {
                 let positions: Vec<DVec3> =
                     cloud.positions().iter().map(|point| fit_from_input.apply(*point)).collect();
@@ -167,9 +177,8 @@ impl CapturedFrame {
         mesh: TriangleMesh,
         fit_from_input: &FitFromInput,
         config: &FrameConfig,
-        seed: u64,
-        name: &str,
-        capture_scale: f64,
+        (seed, name): (u64, &str),
+        limbs: LimbSearch,
     ) -> Result<Self, FitSequenceError> {
         let (mut positions, faces) = mesh.into_parts();
         for position in &mut positions {
@@ -191,13 +200,15 @@ impl CapturedFrame {
             .into_iter()
             .map(|(position, face)| {
                 let normal = normals[face as usize];
-                CaptureSample { position, normal, is_limb_like: is_limb_like(&index, position, normal) }
+                let is_limb_like = limbs == LimbSearch::Wanted && is_limb_like(&index, position, normal);
+                CaptureSample { position, normal, is_limb_like }
             })
             .collect();
         let used: Vec<DVec3> =
             mesh.faces().iter().flatten().map(|vertex| mesh.positions()[*vertex as usize]).collect();
         let middle = middle_of(&samples);
-        Ok(Self { index, samples, bounds: bounds_of(&used), middle, capture_scale, landmarks: Vec::new() })
+        let bounds = bounds_of(&used);
+        Ok(Self { index, samples, bounds, middle, capture_scale: 1.0, landmarks: Vec::new() })
     }
 }
 

@@ -6,7 +6,7 @@
 use glam::DVec3;
 
 use super::body_levels::BodyLevel;
-use super::captured_frame::{CaptureSample, CapturedFrame};
+use super::captured_frame::{CaptureSample, CapturedFrame, bounds_of};
 use super::config::SurfaceConfig;
 use crate::body::PartLabel;
 use crate::fitting::correspondence::{ClosestField, Correspondence};
@@ -33,15 +33,18 @@ pub(super) fn weigh_one_sided(
     let beyond = pair.signed_distance - config.outside_tolerance;
     let (distance, weight, scale) = if beyond > 0.0 {
         pair.target += pair.normal * config.outside_tolerance;
-        let weight = if part == PartLabel::Hand { config.hand_outside_weight } else { config.outside_weight };
-        (beyond, weight, config.outside_scale)
+        (beyond, config.outside_weight, config.outside_scale)
     } else if part.is_bare() {
         (pair.signed_distance, config.bare_weight, config.bare_scale)
     } else {
         (pair.signed_distance, inside.0, inside.1)
     };
     let squared = distance * distance;
-    pair.weight = weight * robust_weight(squared, scale);
+    // Fingers that stick out of a fist are pulled in, but say nothing against the pose: a hand that has gone astray
+    // into the trunk has none outside.
+    let is_finger_outside = beyond > 0.0 && part == PartLabel::Hand;
+    let pull = if is_finger_outside { config.hand_outside_weight } else { weight };
+    pair.weight = pull * robust_weight(squared, scale);
     weight * robust_energy(squared, scale)
 }
 
@@ -124,6 +127,53 @@ pub(super) fn capture_pairs(
     (pairs, energy / weight_sum)
 }
 
+/// Pairs from capture samples to bare vertices that lie inside them. Bare parts are two-sided in both directions: the
+/// closest points of a toe lie above and below it, and only the capture's own tip says how long the foot is.
+pub(super) fn bare_capture_pairs(
+    level: &BodyLevel,
+    frame: &CapturedFrame,
+    vertices: &[DVec3],
+    normals: &[DVec3],
+    config: &SurfaceConfig,
+) -> Vec<Correspondence> {
+    let smallest_cosine = config.compatibility.angle_deg.to_radians().cos();
+    let reach = DVec3::splat(config.bare_scale);
+    let boxes: Vec<[DVec3; 2]> = level
+        .extremities
+        .iter()
+        .map(|part| {
+            let positions: Vec<DVec3> = part.iter().map(|vertex| vertices[*vertex as usize]).collect();
+            let [low, high] = bounds_of(&positions);
+            [low - reach, high + reach]
+        })
+        .collect();
+    let is_near = |position: DVec3| {
+        boxes.iter().any(|[low, high]| position.cmpge(*low).all() && position.cmple(*high).all())
+    };
+    // A sample stands for as much area as a vertex would if there were as many of both.
+    let share = config.bare_capture_weight * vertices.len() as f64 / frame.samples.len().max(1) as f64;
+    frame
+        .samples
+        .iter()
+        .filter(|sample| is_near(sample.position))
+        .filter_map(|sample| {
+            let (vertex, squared) = nearest(vertices, normals, sample.position, sample.normal)?;
+            let signed_distance = (vertices[vertex] - sample.position).dot(sample.normal);
+            let is_pulled = level.parts[vertex].is_bare()
+                && signed_distance < 0.0
+                && normals[vertex].dot(sample.normal) >= smallest_cosine;
+            is_pulled.then(|| Correspondence {
+                vertex: vertex as u32,
+                target: sample.position,
+                normal: sample.normal,
+                is_outside: false,
+                signed_distance,
+                weight: share * robust_weight(squared, config.bare_scale),
+            })
+        })
+        .collect()
+}
+
 /// Share of all samples that look like a limb and have no body within `distance`: a limb that has gone astray.
 pub(super) fn uncovered_limb_share(frame: &CapturedFrame, vertices: &[DVec3], distance: f64) -> f64 {
     let limit = distance * distance;
@@ -145,4 +195,70 @@ fn nearest(vertices: &[DVec3], normals: &[DVec3], position: DVec3, normal: DVec3
         }
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+    use habitus_geometry::{Surface, TriangleMesh};
+
+    use super::super::captured_frame::{FitFromInput, LimbSearch};
+    use super::super::config::FrameConfig;
+    use super::*;
+    use crate::body::BodyModel;
+
+    fn pair(signed_distance: f64) -> Correspondence {
+        Correspondence {
+            vertex: 0,
+            target: DVec3::ZERO,
+            normal: DVec3::Z,
+            is_outside: signed_distance > 0.0,
+            signed_distance,
+            weight: 1.0,
+        }
+    }
+
+    #[test]
+    fn a_finger_outside_pulls_like_a_hand_and_costs_like_any_vertex() {
+        let config = SurfaceConfig::default();
+        let (mut finger, mut toe) = (pair(0.03), pair(0.03));
+        let costs = [(&mut finger, PartLabel::Hand), (&mut toe, PartLabel::Foot)]
+            .map(|(pair, part)| weigh_one_sided(pair, part, (0.1, 0.03), &config));
+        assert_eq!(costs[0], costs[1]);
+        let ratio = config.hand_outside_weight / config.outside_weight;
+        assert!((finger.weight / toe.weight - ratio).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_capture_beyond_the_toes_draws_feet_hands_and_head_out_and_leaves_the_trunk() {
+        let model = BodyModel::default_space().expect("the embedded model");
+        let level = BodyLevel::full(&model, 1);
+        let vertices = model.mean_vertices();
+        let normals = habitus_geometry::vertex_normals(vertices, model.faces());
+        // The capture is the body, two centimetres thicker all over.
+        let thicker: Vec<DVec3> = vertices.iter().zip(&normals).map(|(v, n)| *v + *n * 0.02).collect();
+        let mesh = TriangleMesh::new(thicker, model.faces().to_vec()).expect("a mesh");
+        let fit_from_input = FitFromInput {
+            scale: 1.0,
+            rotation: DMat3::IDENTITY,
+            translation: DVec3::ZERO,
+            usual_size: super::super::captured_frame::size_of(&Surface::Mesh(mesh.clone())),
+        };
+        let frame = CapturedFrame::prepare(
+            Surface::Mesh(mesh),
+            &fit_from_input,
+            &FrameConfig::default(),
+            (1, "body"),
+            LimbSearch::Unneeded,
+        )
+        .expect("a frame");
+        let pairs = bare_capture_pairs(&level, &frame, vertices, &normals, &SurfaceConfig::default());
+        for pair in &pairs {
+            assert!(level.parts[pair.vertex as usize].is_bare() && pair.signed_distance < 0.0);
+            assert!(pair.weight > 0.0);
+        }
+        for part in &level.extremities {
+            assert!(pairs.iter().any(|pair| part.contains(&pair.vertex)), "nothing draws a part out");
+        }
+    }
 }

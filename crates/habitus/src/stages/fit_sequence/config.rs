@@ -195,6 +195,9 @@ pub struct SurfaceConfig {
     pub bare_weight: f64,
     /// Geman–McClure scale of bare parts.
     pub bare_scale: f64,
+    /// Weight of capture samples whose nearest vertex is bare: they draw toes, crown and fingers out to the end of the
+    /// capture, which the vertices' own closest points, on sole and instep, do not.
+    pub bare_capture_weight: f64,
 }
 
 impl Default for SurfaceConfig {
@@ -209,6 +212,7 @@ impl Default for SurfaceConfig {
             outside_scale: 0.12,
             bare_weight: 1.0,
             bare_scale: 0.06,
+            bare_capture_weight: 1.0,
         }
     }
 }
@@ -295,6 +299,9 @@ pub struct RefineConfig {
     /// Geman–McClure scale of that attraction in the first and in the last pass. A body that starts too thin must
     /// still feel the cloth around it, or it stays thin.
     pub contact_scale: [f64; 2],
+    /// `bare_capture_weight` of the refinement: tracking and the first identity have drawn the feet out, and shoes and hair
+    /// are thicker than skin.
+    pub bare_capture_weight: f64,
     /// Weight of a vertex outside the capture in the final pass: with the identity settled, the pose alone can bring it
     /// in, and no longer makes the body thin.
     pub final_outside_weight: f64,
@@ -326,6 +333,7 @@ impl Default for RefineConfig {
             clearance_tolerance: 0.008,
             contact_weight: 0.4,
             contact_scale: [0.08, 0.02],
+            bare_capture_weight: 0.4,
             final_outside_weight: 30.0,
             final_outside_tolerance: 0.001,
             final_rounds: 2,

@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use self::body_levels::{BodyLevel, PreparedIdentity};
-use self::captured_frame::{CapturedFrame, FitFromInput};
+use self::captured_frame::{CapturedFrame, FitFromInput, LimbSearch};
 pub use self::config::FitSequenceConfig;
 use self::config::{Recipe, SurfaceConfig};
 use self::frame_codes::{FrameQuality, is_temporal_jump, judge_frame};
@@ -146,6 +146,8 @@ struct Stage<'a> {
     component_count: usize,
     /// Few vertices, for the first rounds of tracking.
     coarse: BodyLevel,
+    /// The surface energy of the joint refinement.
+    refine_surface: SurfaceConfig,
     /// The surface energy of the final pass.
     final_surface: SurfaceConfig,
     /// Enough vertices to see the identity.
@@ -184,6 +186,10 @@ impl<'a> Stage<'a> {
             config,
             user_landmarks,
             component_count,
+            refine_surface: SurfaceConfig {
+                bare_capture_weight: config.refine.bare_capture_weight,
+                ..config.surface.clone()
+            },
             final_surface: SurfaceConfig {
                 outside_weight: config.refine.final_outside_weight,
                 hand_outside_weight: config
@@ -191,6 +197,8 @@ impl<'a> Stage<'a> {
                     .hand_outside_weight
                     .max(config.refine.final_outside_weight),
                 outside_tolerance: config.refine.final_outside_tolerance,
+                // Toes and crown have found their length; from here on the body is only brought inside.
+                bare_capture_weight: 0.0,
                 ..config.surface.clone()
             },
             coarse: BodyLevel::spread(model, config.track.coarse_vertex_count, component_count),
@@ -200,10 +208,20 @@ impl<'a> Stage<'a> {
     }
 
     fn load(&self, frame: usize, fit_from_input: &FitFromInput) -> Result<CapturedFrame, FitSequenceError> {
+        self.load_with(frame, fit_from_input, LimbSearch::Wanted)
+    }
+
+    fn load_with(
+        &self,
+        frame: usize,
+        fit_from_input: &FitFromInput,
+        limbs: LimbSearch,
+    ) -> Result<CapturedFrame, FitSequenceError> {
         let name = self.source.name(frame);
         let surface = self.source.surface(frame)?;
+        let identifier = (self.config.seed, &name[..]);
         let mut capture =
-            CapturedFrame::prepare(surface, fit_from_input, &self.config.frame, self.config.seed, &name)?;
+            CapturedFrame::prepare(surface, fit_from_input, &self.config.frame, identifier, limbs)?;
         let names = &self.model.metadata().landmarks;
         for given in self.user_landmarks.iter().filter(|given| given.frame == name) {
             if let Some(landmark) = names.iter().position(|name| *name == given.landmark) {
@@ -215,7 +233,7 @@ impl<'a> Stage<'a> {
         Ok(capture)
     }
 
-    /// Solver for tracking and refinement.
+    /// Solver for tracking and the first identity.
     fn solver(&self, identity: &[f64]) -> Result<PoseSolver<'_>, FitSequenceError> {
         self.solver_at(&self.medium, &self.config.surface, identity)
     }
@@ -276,8 +294,8 @@ impl<'a> Stage<'a> {
         let fit_from_input = track.orientation.fit_from_input;
         for pass in 0..passes {
             progress(observer, "refine", pass, passes + 1)?;
-            let solver = self.solver(&track.identity)?;
-            let load = |frame: usize| self.load(frame, &fit_from_input).ok();
+            let solver = self.solver_at(&self.medium, &self.refine_surface, &track.identity)?;
+            let load = |frame: usize| self.load_with(frame, &fit_from_input, LimbSearch::Unneeded).ok();
             let prior = |frame: usize| self.smoothness_prior(tracked, frame);
             let step = refine_pass(
                 &solver,
@@ -416,6 +434,7 @@ impl<'a> Stage<'a> {
                 inlier_share: 0.0,
                 outside_share_5mm: 0.0,
                 outside_mean: 0.0,
+                clearance_percentiles: None,
                 energy: 0.0,
                 seconds: 0.0,
                 capture_scale: 1.0,
@@ -441,6 +460,7 @@ impl<'a> Stage<'a> {
             inlier_share: quality.inlier_share,
             outside_share_5mm: quality.outside_share_5mm,
             outside_mean: quality.outside_mean,
+            clearance_percentiles: percentiles(&quality.clearance),
             energy: quality.energy,
             seconds: 0.0,
             capture_scale,
@@ -469,6 +489,14 @@ impl<'a> Stage<'a> {
         }
         codes
     }
+}
+
+/// 5, 25, 50, 75 and 95 % of the values.
+fn percentiles(values: &[f64]) -> Option<[f64; 5]> {
+    let mut sorted = values.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let last = sorted.len().checked_sub(1)?;
+    Some([0.05, 0.25, 0.5, 0.75, 0.95].map(|share: f64| sorted[(share * last as f64).round() as usize]))
 }
 
 impl PoseSolver<'_> {

@@ -6,7 +6,9 @@ use habitus_optimize::{Bounds, GaussNewtonSettings, Silent, gauss_newton};
 use super::FitSequenceError;
 use super::body_levels::{BodyLevel, PreparedIdentity};
 use super::captured_frame::CapturedFrame;
-use super::clothed_surface::{capture_pairs, clothed_pairs, is_extremity_missing, uncovered_limb_share};
+use super::clothed_surface::{
+    bare_capture_pairs, capture_pairs, clothed_pairs, is_extremity_missing, uncovered_limb_share,
+};
 use super::config::{CodeThresholds, SurfaceConfig, TrackConfig};
 use crate::body::{ROOT_LENGTH, Skeleton, rotation_vector};
 use crate::fitting::Fit;
@@ -144,7 +146,10 @@ impl PoseSolver<'_> {
         let stride = frame.samples.len().div_ceil(SAMPLES_PER_ROUND);
         let (_, uncovered) =
             capture_pairs(frame, stride, &vertices, &normals, 1.0, self.track.capture_scale[1]);
-        let energy = clothed.energy + self.track.capture_weight * uncovered;
+        // A limb of the capture without a body counts like a vertex without a pair: as far away.
+        let lost_limbs = uncovered_limb_share(frame, &vertices, self.codes.limb_distance);
+        let far = self.surface.bare_weight * self.surface.bare_scale * self.surface.bare_scale;
+        let energy = clothed.energy + self.track.capture_weight * uncovered + lost_limbs * far;
         let has_lost_a_limb = has_lost_a_limb(body.level, &field, frame, &vertices, self.codes);
         PoseSolution { pose, energy, inlier_share: clothed.inlier_share, has_lost_a_limb }
     }
@@ -172,6 +177,8 @@ impl PoseSolver<'_> {
             if is_coarse {
                 let (weight, scale) = (self.track.capture_weight, self.track.capture_scale(round, rounds));
                 pairs.extend(capture_pairs(frame, stride, &vertices, &normals, weight, scale).0);
+            } else {
+                pairs.extend(bare_capture_pairs(body.level, frame, &vertices, &normals, self.surface));
             }
             let closest = ClosestPoints::new(&pairs, DistanceForm::Plane);
             let count = vertices.len() as f64;

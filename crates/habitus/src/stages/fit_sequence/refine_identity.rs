@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::FitSequenceError;
 use super::captured_frame::CapturedFrame;
-use super::clothed_surface::weigh_one_sided;
+use super::clothed_surface::{bare_capture_pairs, weigh_one_sided};
 use super::config::RefineConfig;
 use super::pose_solver::{PosePrior, PoseSolver};
 use crate::body::{IdentityCoefficients, ROOT_LENGTH};
@@ -156,6 +156,7 @@ fn frame_share(
         let inside = (contact_weight(pair, contact, config), contact.scale);
         weigh_one_sided(pair, body.level.parts[pair.vertex as usize], inside, solver.surface);
     }
+    pairs.extend(bare_capture_pairs(body.level, capture, &vertices, &normals, solver.surface));
     let closest = ClosestPoints::new(&pairs, DistanceForm::Plane);
     let mut assembly = BodyAssembly::new(surface, Gather::PoseAndIdentity, true);
     assembly.add(surface, &posed, &body.rest, &vertices, closest.residuals());

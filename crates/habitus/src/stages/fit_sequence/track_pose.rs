@@ -7,7 +7,7 @@ use habitus_optimize::Observer;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::captured_frame::CapturedFrame;
+use super::captured_frame::{CapturedFrame, LimbSearch};
 use super::orientation::{Orientation, candidates};
 use super::pose_solver::{PosePrior, PoseSolution, PoseSolver};
 use super::refine_identity::Contact;
@@ -253,7 +253,9 @@ impl Stage<'_> {
         let mut clearance: Option<Vec<f64>> = None;
         for pass in 0..config.initial_passes {
             let solver = self.solver(&track.identity)?;
-            let load = |position: usize| self.load(first_frame + position - 1, &fit_from_input).ok();
+            let load = |position: usize| {
+                self.load_with(first_frame + position - 1, &fit_from_input, LimbSearch::Unneeded).ok()
+            };
             let prior = |position: usize| self.smoothness_prior(&tracked, position);
             let step = super::refine_identity::refine_pass(
                 &solver,
