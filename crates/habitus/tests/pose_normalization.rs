@@ -1,5 +1,4 @@
 //! P1 §3.4 on pairs with known truth: the same people in two postures, bent by other skin weights than the model's.
-
 #![allow(clippy::expect_used, reason = "a test may fail loudly")]
 
 use glam::{DQuat, DVec3};

@@ -246,6 +246,7 @@ fn rigged(dressed: &ClothingLayer, motion: &Motion) -> RiggedSequence {
         inlier_share: 1.0,
         outside_share_5mm: 0.0,
         outside_mean: 0.0,
+        clearance_percentiles: None,
         energy: 0.0,
         capture_scale: 1.0,
         seconds: 0.0,
