@@ -68,7 +68,7 @@ pub(crate) fn rigged_sequence(frame_count: usize) -> RiggedSequence {
 }
 
 /// A second skin two centimetres over the figure that swells by up to a centimetre as the first joint bends, and hangs
-/// `width` farther out everywhere; poses of a calm motion that is new all the time.
+/// `width` farther out everywhere; poses of a calm motion.
 pub(crate) fn moving_layer(frame_count: usize, width: f64) -> ClothingLayer {
     let fit = rigged_sequence(0);
     let body = &fit.sequence.rest_vertices;
@@ -83,11 +83,9 @@ pub(crate) fn moving_layer(frame_count: usize, width: f64) -> ClothingLayer {
         smallest_stretch: 0.2,
     };
     let pose = |frame: usize| -> Vec<f64> {
-        let angle = |k: usize| {
-            let place = frame as f64;
-            0.25 * ((0.11 + 0.007 * k as f64) * place + k as f64).sin()
-                + 0.1 * (0.043 * place * (k + 1) as f64).cos()
-        };
+        // Two rhythms move all joints, each at its own phase: no pose comes twice, but its like does.
+        let (fast, slow) = (0.31 * frame as f64, 0.057 * frame as f64);
+        let angle = |k: usize| 0.25 * (fast + k as f64).sin() + 0.1 * (slow + 2.0 * k as f64).cos();
         let mut pose: Vec<f64> = (0..30).map(angle).collect();
         pose[..6].iter_mut().for_each(|value| *value *= 0.3);
         pose
