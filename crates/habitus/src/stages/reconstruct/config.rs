@@ -26,7 +26,7 @@ impl Default for ReconstructConfig {
             largest_step: 0.03,
             depth_range: [0.3, 5.0],
             smoothing_pixels: 2,
-            levels_alone: 2,
+            levels_alone: 3,
             model: ModelFitConfig::default(),
         }
     }
