@@ -6,7 +6,7 @@ use clap::{Parser, Subcommand};
 
 use crate::commands::{
     completions, config, demo, evaluate, export, extract_clothing, fit_sequence, generate, learn_clothing,
-    learn_shape, measure, register, render, report, review, synthesize,
+    learn_shape, measure, reconstruct, register, render, report, review, synthesize,
 };
 
 const EXAMPLES: &str = "\
@@ -50,6 +50,8 @@ pub enum Verb {
     LearnShape(learn_shape::LearnShapeArguments),
     /// Bring a template onto raw scans
     Register(register::RegisterArguments),
+    /// Find the body of a person seen from the front and from the back
+    Reconstruct(reconstruct::ReconstructArguments),
     /// Show a body's measurements
     Measure(measure::MeasureArguments),
     /// Accept and reject registrations, worst first, on a local page

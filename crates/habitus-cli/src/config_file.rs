@@ -10,6 +10,7 @@ use habitus::stages::extract_clothing::ExtractClothingConfig;
 use habitus::stages::fit_sequence::FitSequenceConfig;
 use habitus::stages::learn_clothing::LearnClothingConfig;
 use habitus::stages::learn_shape::LearnShapeConfig;
+use habitus::stages::reconstruct::ReconstructConfig;
 use habitus::stages::register::RegisterConfig;
 use habitus::stages::synthesize::SynthesizeConfig;
 use habitus_synthetic::raw_scan::{DepthPairSettings, RawScanSettings};
@@ -36,6 +37,8 @@ pub struct Settings {
     pub synthesize: SynthesizeConfig,
     /// Section of `register`.
     pub register: RegisterConfig,
+    /// Section of `reconstruct`.
+    pub reconstruct: ReconstructConfig,
     /// Section of `generate` and of the sequence of `demo`.
     pub generate: DressedSequenceSettings,
     /// Section of `generate scans`, and of the people of `generate depth-pairs`.

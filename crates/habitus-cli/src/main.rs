@@ -62,6 +62,7 @@ fn run(arguments: Arguments, console: &Console) -> anyhow::Result<Outcome> {
         Verb::ExtractClothing(arguments) => commands::extract_clothing::run(&arguments, console),
         Verb::LearnShape(arguments) => commands::learn_shape::run(&arguments, console),
         Verb::Register(arguments) => commands::register::run(&arguments, console),
+        Verb::Reconstruct(arguments) => commands::reconstruct::run(&arguments, console),
         Verb::Measure(arguments) => commands::measure::run(&arguments, console),
         Verb::Review(arguments) => commands::review::run(&arguments, console),
         Verb::Report(arguments) => commands::report::run(&arguments, console),

@@ -16,6 +16,7 @@ pub mod generate_sets;
 pub mod learn_clothing;
 pub mod learn_shape;
 pub mod measure;
+pub mod reconstruct;
 pub mod register;
 pub mod render;
 pub mod report;

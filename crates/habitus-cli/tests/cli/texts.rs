@@ -5,10 +5,11 @@ use std::path::Path;
 use crate::bench::run;
 use crate::words;
 
-const VERBS: [&str; 16] = [
+const VERBS: [&str; 17] = [
     "demo",
     "register",
     "learn-shape",
+    "reconstruct",
     "review",
     "fit-sequence",
     "measure",

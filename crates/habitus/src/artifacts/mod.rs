@@ -6,6 +6,7 @@ pub mod clothing_layer;
 pub mod clothing_model;
 pub mod codes;
 mod csv;
+pub mod depth_image;
 pub mod dressed_glb;
 pub mod fabric;
 pub mod fitted_sequence;

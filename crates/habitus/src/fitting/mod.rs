@@ -13,6 +13,7 @@ pub mod model_fit;
 pub mod retarget;
 pub mod same_topology;
 pub mod schedule;
+pub mod shared_identity;
 pub mod standing_start;
 pub mod terms;
 

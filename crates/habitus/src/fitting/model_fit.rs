@@ -111,9 +111,9 @@ pub struct GivenLandmark {
 }
 
 /// Some vertices of the body as a surface of their own.
-struct Level {
-    vertices: Vec<u32>,
-    surface: BodySurface,
+pub(super) struct Level {
+    pub(super) vertices: Vec<u32>,
+    pub(super) surface: BodySurface,
     /// For each vertex of the body its nearest one of the level.
     nearest: Vec<u32>,
 }
@@ -121,8 +121,8 @@ struct Level {
 /// A body model prepared for fitting to many scans.
 pub struct ModelFitter<'a> {
     model: &'a BodyModel,
-    config: &'a ModelFitConfig,
-    levels: Vec<Level>,
+    pub(super) config: &'a ModelFitConfig,
+    pub(super) levels: Vec<Level>,
     landmark_vertices: Vec<u32>,
     landmark_level: BodySurface,
     /// All vertices, with local shapes behind the model's components.
@@ -160,6 +160,11 @@ impl<'a> ModelFitter<'a> {
     /// Number of levels.
     pub fn level_count(&self) -> usize {
         self.levels.len()
+    }
+
+    /// Vertices of an identity at rest, metres.
+    pub fn rest_vertices(&self, identity: &[f64]) -> Vec<DVec3> {
+        self.surface.rest_vertices(identity)
     }
 
     /// Posed vertices of a state, metres.
@@ -234,7 +239,7 @@ impl<'a> ModelFitter<'a> {
     }
 
     /// Gaps of both directions, gathered at the vertices of the level: one residual for each.
-    fn gather(
+    pub(super) fn gather(
         &self,
         level: &Level,
         rounds: &ModelRounds,

@@ -29,6 +29,18 @@ const ROBUST_DISTANCE: f64 = 0.05;
 /// Points that are compared.
 const COMPARED_POINTS: usize = 1500;
 
+/// A person whose facing is known, heading in radians about y (0 faces +z): the coarsest level from there.
+pub fn facing_start(
+    fitter: &ModelFitter<'_>,
+    scan: &ScanPoints<'_>,
+    heading: f64,
+) -> Result<StandingStart, SolveError> {
+    let mut state = upright(fitter, scan, heading);
+    fitter.fit_level(0, &mut state, scan, &[])?;
+    let energy = misfit(fitter, &state, scan);
+    Ok(StandingStart { state, energy, margin: 1.0 })
+}
+
 /// Tries the facings and keeps the best; the scan is in metres, y up. `levels` is how many levels decide.
 pub fn standing_start(
     fitter: &ModelFitter<'_>,

@@ -5,5 +5,6 @@ pub mod fit_sequence;
 pub mod learn_clothing;
 pub mod learn_shape;
 pub mod measure;
+pub mod reconstruct;
 pub mod register;
 pub mod synthesize;
