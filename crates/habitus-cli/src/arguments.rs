@@ -5,8 +5,8 @@ use std::num::NonZeroUsize;
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    completions, config, demo, evaluate, export, extract_clothing, fit_sequence, generate, learn_clothing,
-    learn_shape, measure, reconstruct, register, render, report, review, synthesize,
+    bootstrap, completions, config, demo, evaluate, export, extract_clothing, fit_sequence, generate,
+    learn_clothing, learn_shape, measure, reconstruct, register, render, report, review, synthesize,
 };
 
 const EXAMPLES: &str = "\
@@ -56,6 +56,8 @@ pub enum Verb {
     Measure(measure::MeasureArguments),
     /// Accept and reject registrations, worst first, on a local page
     Review(review::ReviewArguments),
+    /// Learn a body space from raw scans in rounds of registering and learning
+    Bootstrap(bootstrap::BootstrapArguments),
     /// Write the report of a run folder again
     Report(report::ReportArguments),
     /// Draw meshes or runs as a picture

@@ -6,6 +6,7 @@ use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use habitus::evaluation::registration_ranking::RankingConfig;
 use habitus::evaluation::shape_space_quality::ShapeSpaceQualitySettings;
+use habitus::pipeline::BootstrapConfig;
 use habitus::stages::extract_clothing::ExtractClothingConfig;
 use habitus::stages::fit_sequence::FitSequenceConfig;
 use habitus::stages::learn_clothing::LearnClothingConfig;
@@ -23,6 +24,8 @@ use serde::{Deserialize, Serialize};
 pub struct Settings {
     /// Section of `fit-sequence`.
     pub fit_sequence: FitSequenceConfig,
+    /// Section of `bootstrap`.
+    pub bootstrap: BootstrapConfig,
     /// Section of `review`: how registrations are ranked, also by `bootstrap`.
     pub review: RankingConfig,
     /// Section of `extract-clothing`.

@@ -1,5 +1,6 @@
 //! One file for each verb.
 
+pub mod bootstrap;
 pub mod completions;
 pub mod config;
 pub mod demo;

@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::bench::run;
 use crate::words;
 
-const VERBS: [&str; 17] = [
+const VERBS: [&str; 18] = [
     "demo",
     "register",
     "learn-shape",
@@ -16,6 +16,7 @@ const VERBS: [&str; 17] = [
     "extract-clothing",
     "learn-clothing",
     "synthesize",
+    "bootstrap",
     "report",
     "render",
     "export",

@@ -6,6 +6,7 @@
 //! A stage whose inputs, settings and version are those of the files on disk is not done again; one that was killed
 //! goes on from its journal.
 
+mod bootstrap;
 mod capture_origin;
 mod clothing_evaluation;
 mod clothing_model_run;
@@ -20,6 +21,9 @@ mod shape_space_evaluation;
 mod summary;
 mod user_landmarks;
 
+pub use bootstrap::{
+    Bootstrap, BootstrapConfig, BootstrapError, BootstrapInput, CurvePoint, RejectedScan, RoundSummary,
+};
 pub use capture_origin::CaptureOrigin;
 pub use clothing_evaluation::ClothingEvaluation;
 pub use clothing_model_run::{
