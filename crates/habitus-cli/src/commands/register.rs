@@ -7,7 +7,9 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use habitus::artifacts::template_mesh::{TemplateMesh, read_landmark_vertices};
 use habitus::body::BodyModel;
-use habitus::pipeline::{RegisterRun, RegisterSummary, RunFolder, ScanInput, ScanSummary, list_scans};
+use habitus::pipeline::{
+    RegisterRun, RegisterSummary, RunFolder, ScanInput, ScanPlaces, ScanSummary, list_scans,
+};
 use habitus::stages::register::{RegisterConfig, RegisterRecipe, Template};
 
 use crate::Outcome;
@@ -93,6 +95,7 @@ pub fn run(arguments: &RegisterArguments, console: &Console) -> anyhow::Result<O
         LoadedTemplate::Mesh(mesh) => Template::Mesh(mesh),
     };
     let run = RunFolder::open(&arguments.output)?;
+    ScanPlaces { scans: scans.iter().map(|scan| scan.scan.clone()).collect() }.write(run.path())?;
     let stage = RegisterRun::prepare(&run, template, &files, table, &config)?;
     let summary = register_all(&stage, &scans, arguments.force, console)?;
     summary.write(&run.path().join("summary.json"))?;
