@@ -20,6 +20,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::cloth::ArmContact;
 use crate::error::SyntheticError;
 use crate::garment::{Garment, Outfit, tailor};
 use crate::motion::Motion;
@@ -192,6 +193,9 @@ fn base_settings(size: SetSize, seed: u64, motion_file: Option<&PathBuf>) -> Dre
         frame_count: 150,
         ..defaults
     };
+    // Layers must not show through one another, and hands that graze a thigh must not carry the cloth away.
+    settings.cloth.layer_contact_mm = 30.0;
+    settings.cloth.arms = ArmContact::PassThrough;
     if size == SetSize::Small {
         settings.frame_count = 24;
         settings.settle_seconds = 0.7;

@@ -15,12 +15,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::animate::Animation;
 use crate::capture::{CaptureSettings, Subject, Substance, capture};
-use crate::cloth::{BodyInterval, Cloth, ClothSettings, Weave};
+use crate::cloth::{ArmContact, BodyInterval, Cloth, ClothSettings, Weave};
 use crate::error::SyntheticError;
 use crate::garment::{Drive, Garment, GarmentSettings, Outfit, tailor, warp_directions};
 use crate::motion::Motion;
 use crate::random::Random;
-use crate::rest_body::RestBody;
+use crate::rest_body::{Bone, RestBody};
 use crate::second_skin::follow_skin;
 use crate::source_bodies::source_body;
 
@@ -175,6 +175,22 @@ pub struct Performance<'a> {
     /// Frame interval that ends next, counted from the end of settling.
     next_step: i64,
     body_vertices: Vec<DVec3>,
+    /// Faces of the body that push the cloth.
+    felt_faces: Vec<u32>,
+}
+
+/// A garment over one frame interval, as the one that is worn over it meets it.
+struct Layer<'a> {
+    faces: &'a [[u32; 3]],
+    felt: Vec<u32>,
+    start: Vec<DVec3>,
+    end: Vec<DVec3>,
+}
+
+impl Layer<'_> {
+    fn interval(&self, duration: f64, settings: &ClothSettings) -> Result<BodyInterval<'_>, SyntheticError> {
+        BodyInterval::new(self.faces, &self.felt, &self.start, &self.end, duration, settings)
+    }
 }
 
 impl<'a> Performance<'a> {
@@ -224,6 +240,7 @@ impl<'a> Performance<'a> {
         let body_vertices =
             model.pose_vertices(body.positions(), &model.skeleton().pose(body.joints(), pose.parameters()));
         Ok(Self {
+            felt_faces: felt_faces(&body, cloth_settings.arms),
             model,
             settings,
             cloth_settings: cloth_settings.clone(),
@@ -264,6 +281,33 @@ impl<'a> Performance<'a> {
         self.step()
     }
 
+    /// Garments from the innermost outwards; where layers feel one another, each over the one before it.
+    fn advance_cloths(&mut self, vertices: &[DVec3]) -> Result<(), SyntheticError> {
+        let simulated = self.cloths.iter_mut().zip(&self.garments);
+        let mut simulated: Vec<(&mut Cloth, &Garment)> =
+            simulated.filter(|(_, garment)| garment.drive == Drive::Simulated).collect();
+        if simulated.is_empty() {
+            return Ok(());
+        }
+        let settings = &self.cloth_settings;
+        let duration = 1.0 / self.settings.frames_per_second;
+        let (faces, felt) = (self.body.faces(), &self.felt_faces);
+        let body = BodyInterval::new(faces, felt, &self.body_vertices, vertices, duration, settings)?;
+        if settings.layer_contact_mm <= 0.0 {
+            simulated.par_iter_mut().for_each(|(cloth, _)| cloth.advance(&body, None, settings));
+            return Ok(());
+        }
+        let mut beneath: Option<Layer<'_>> = None;
+        for (cloth, garment) in simulated {
+            let start = cloth.positions().to_vec();
+            let layer = beneath.as_ref().map(|layer| layer.interval(duration, settings)).transpose()?;
+            cloth.advance(&body, layer.as_ref(), settings);
+            let felt = (0..garment.faces.len() as u32).collect();
+            beneath = Some(Layer { faces: &garment.faces, felt, start, end: cloth.positions().to_vec() });
+        }
+        Ok(())
+    }
+
     fn step(&mut self) -> Result<Scene, SyntheticError> {
         let rate = self.settings.frames_per_second;
         let time = self.next_step as f64 / rate;
@@ -272,16 +316,8 @@ impl<'a> Performance<'a> {
         let pose = self.animation.next_pose(time, share * share * (3.0 - 2.0 * share));
         let posed = self.model.skeleton().pose(self.body.joints(), pose.parameters());
         let vertices = self.model.pose_vertices(self.body.positions(), &posed);
+        self.advance_cloths(&vertices)?;
         let faces = self.body.faces();
-        let cloth_settings = &self.cloth_settings;
-        if self.garments.iter().any(|garment| garment.drive == Drive::Simulated) {
-            let interval =
-                BodyInterval::new(faces, &self.body_vertices, &vertices, 1.0 / rate, cloth_settings)?;
-            let garments = self.cloths.par_iter_mut().zip(&self.garments);
-            garments
-                .filter(|(_, garment)| garment.drive == Drive::Simulated)
-                .for_each(|(cloth, _)| cloth.advance(&interval, cloth_settings));
-        }
         let garment_positions = self
             .cloths
             .iter()
@@ -297,6 +333,17 @@ impl<'a> Performance<'a> {
             self.model.landmark_vertices().iter().map(|&vertex| vertices[vertex as usize]).collect();
         Ok(Scene { pose, joints: posed.joints, body_vertices: vertices, landmarks, garment_positions })
     }
+}
+
+/// Numbers of the faces of the body that push the cloth.
+fn felt_faces(body: &RestBody, arms: ArmContact) -> Vec<u32> {
+    let is_passed = |vertex: &u32| {
+        let bone = body.bones()[*vertex as usize];
+        bone.is_arm() && !matches!(bone, Bone::LeftUpperArm | Bone::RightUpperArm)
+    };
+    let faces = body.faces().iter().enumerate();
+    let felt = faces.filter(|(_, face)| arms == ArmContact::Felt || !face.iter().all(is_passed));
+    felt.map(|(number, _)| number as u32).collect()
 }
 
 /// The motion of the settings on this body.

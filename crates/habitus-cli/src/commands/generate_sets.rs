@@ -17,6 +17,7 @@ use crate::progress::StageBar;
 pub const CLOTHING_EXAMPLES: &str = "\
 Examples:
   habitus generate clothing-data fabrics -o fabrics --preset small
+  habitus generate clothing-data sizes -o sizes --preset full --frames 60 --cloth-edge-mm 24
   habitus generate clothing-data motions -o motions --motion-file walk.bvh --motion-file 02_01.amc
   habitus extract-clothing fabrics/denim --aligned -o fabrics/denim
 
@@ -74,6 +75,12 @@ pub struct ClothingDataArguments {
     /// How large the data set is
     #[arg(long, value_enum, default_value = "small")]
     pub preset: ClothingPreset,
+    /// Frames of each sequence [default: the preset's]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub frames: Option<u16>,
+    /// Length of the cloth's triangle edges, millimetres [default: the preset's]
+    #[arg(long, value_name = "MM", value_parser = cloth_edge)]
+    pub cloth_edge_mm: Option<f64>,
     /// Motion capture file (.bvh, .amc or AMASS .npz): a further motion, or that of all sequences; may be repeated
     #[arg(long = "motion-file", value_name = "FILE")]
     pub motion_files: Vec<PathBuf>,
@@ -102,6 +109,11 @@ pub struct BenchmarkArguments {
     pub seed: u64,
 }
 
+fn cloth_edge(text: &str) -> Result<f64, String> {
+    let length = text.parse().ok().filter(|length: &f64| (5.0..=60.0).contains(length));
+    length.ok_or_else(|| "must be a number from 5 to 60".into())
+}
+
 /// Makes a clothing data set.
 pub fn run_clothing_data(arguments: &ClothingDataArguments, console: &Console) -> anyhow::Result<Outcome> {
     let model = BodyModel::default_space()?;
@@ -114,7 +126,11 @@ pub fn run_clothing_data(arguments: &ClothingDataArguments, console: &Console) -
         ClothingPreset::Small => SetSize::Small,
         ClothingPreset::Full => SetSize::Full,
     };
-    let sequences = clothing_data::plan(&model, set, size, arguments.seed, &arguments.motion_files)?;
+    let mut sequences = clothing_data::plan(&model, set, size, arguments.seed, &arguments.motion_files)?;
+    for settings in sequences.iter_mut().map(|sequence| &mut sequence.settings) {
+        settings.frame_count = arguments.frames.map_or(settings.frame_count, usize::from);
+        settings.garment.cloth_edge_mm = arguments.cloth_edge_mm.unwrap_or(settings.garment.cloth_edge_mm);
+    }
     let bar = Mutex::new((StageBar::new(console), 0));
     let progress = || {
         if let Ok(mut bar) = bar.lock() {

@@ -4,17 +4,18 @@
 //! Gauss–Seidel in a fixed order, so a result never depends on the number of threads.
 
 mod body_interval;
+mod contact;
 #[cfg(test)]
 mod tests;
 
 use glam::DVec3;
 use habitus::artifacts::fabric::Fabric;
-use habitus::geometry::{SurfaceIndex, vertex_normals, vertex_normals_into};
-use rayon::prelude::*;
+use habitus::geometry::{vertex_normals, vertex_normals_into};
 use serde::{Deserialize, Serialize};
 
 pub use body_interval::BodyInterval;
 use body_interval::SkinPoint;
+use contact::Contact;
 
 /// Fabric and solver.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -48,8 +49,24 @@ pub struct ClothSettings {
     pub layer_offset_mm: f64,
     /// Cloth further than this from the body is not tested against it until the next update, millimetres.
     pub contact_range_mm: f64,
+    /// Distance within which a garment feels the one that it is worn over, millimetres; 0: layers pass through one another.
+    pub layer_contact_mm: f64,
+    /// Whether forearms and hands push the cloth.
+    pub arms: ArmContact,
     /// Acceleration of free fall, m/s², downwards.
     pub gravity: f64,
+}
+
+/// Whether forearms and hands push cloth that does not cover them. Hands that graze a thigh end up inside loose cloth, and
+/// then drag it along.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ArmContact {
+    /// They push like the rest of the body.
+    #[default]
+    Felt,
+    /// Cloth passes through them.
+    PassThrough,
 }
 
 impl Default for ClothSettings {
@@ -69,6 +86,8 @@ impl Default for ClothSettings {
             contact_offset_mm: 4.0,
             layer_offset_mm: 8.0,
             contact_range_mm: 60.0,
+            layer_contact_mm: 0.0,
+            arms: ArmContact::default(),
             gravity: 9.81,
         }
     }
@@ -89,11 +108,6 @@ pub struct Anchor {
     pub compliance: f64,
 }
 
-/// Outward speed that contact may leave a vertex with, m/s: pushing out of the body must not fling.
-const LARGEST_BOUNCE: f64 = 0.05;
-/// Largest push out of the body in one substep, metres: a vertex squeezed between two limbs must not explode.
-const LARGEST_PUSH: f64 = 0.002;
-
 #[derive(Debug, Clone, Copy)]
 struct Distance {
     vertices: [u32; 2],
@@ -109,12 +123,6 @@ pub struct Weave<'a> {
     pub fabric: &'a Fabric,
     /// Direction of the warp at each vertex of the cut garment.
     pub warp: &'a [DVec3],
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Contact {
-    vertex: u32,
-    skin: SkinPoint,
 }
 
 /// A piece of cloth in motion.
@@ -210,17 +218,22 @@ impl Cloth {
         })
     }
 
-    /// Moves the cloth through one frame interval.
-    pub fn advance(&mut self, body: &BodyInterval<'_>, settings: &ClothSettings) {
-        let update_count = body.surfaces.len();
+    /// Moves the cloth through one frame interval; `beneath` is a garment that it is worn over and feels.
+    pub fn advance(
+        &mut self,
+        body: &BodyInterval<'_>,
+        beneath: Option<&BodyInterval<'_>>,
+        settings: &ClothSettings,
+    ) {
+        let update_count = body.update_count();
         let substeps =
             (body.duration * settings.substeps_per_second / update_count as f64).ceil().max(1.0) as usize;
         let step_share = 1.0 / (update_count * substeps) as f64;
         let anchored: Vec<SkinPoint> =
             self.anchors.iter().map(|anchor| body.skin_point(anchor.face, anchor.barycentric)).collect();
         let air = body.mean_velocity() * settings.wake_share;
-        for (update, surface) in body.surfaces.iter().enumerate() {
-            self.find_contacts(body, surface, settings);
+        for update in 0..update_count {
+            self.find_contacts(body, beneath, update, settings);
             self.damp_internally(settings.internal_damping);
             vertex_normals_into(&self.positions, &self.faces, &mut self.normals);
             for substep in 0..substeps {
@@ -229,22 +242,6 @@ impl Cloth {
                 self.substep(&anchored, air, &span, settings);
             }
         }
-    }
-
-    fn find_contacts(&mut self, body: &BodyInterval<'_>, surface: &SurfaceIndex, settings: &ClothSettings) {
-        let radius = settings.contact_range_mm / 1000.0;
-        self.contacts = self
-            .positions
-            .par_iter()
-            .enumerate()
-            .filter_map(|(vertex, &position)| {
-                let nearest = surface.closest_within(position, radius)?;
-                Some(Contact {
-                    vertex: vertex as u32,
-                    skin: body.skin_point(nearest.face, nearest.barycentric),
-                })
-            })
-            .collect();
     }
 
     fn damp_internally(&mut self, share: f64) {
@@ -301,43 +298,6 @@ impl Cloth {
             let share = inverse_mass / (inverse_mass + anchor.compliance / (span.seconds * span.seconds));
             let target = skin.position(span.end) + skin.normal(span.end) * anchor.height;
             self.positions[vertex] = self.positions[vertex].lerp(target, share);
-        }
-    }
-
-    /// Pushes vertices out to the contact distance and takes up to the Coulomb limit of the sliding away.
-    fn project_contacts(&mut self, span: &Span, settings: &ClothSettings) {
-        let offset = self.contact_offset;
-        for Contact { vertex, skin } in &self.contacts {
-            let position = &mut self.positions[*vertex as usize];
-            let normal = skin.normal(span.end);
-            let depth = offset - (*position - skin.position(span.end)).dot(normal);
-            if depth <= 0.0 {
-                continue;
-            }
-            let push = depth.min(LARGEST_PUSH);
-            *position += normal * push;
-            let moved = *position - self.previous[*vertex as usize] - skin.way(span.start, span.end);
-            let sliding = moved - normal * moved.dot(normal);
-            let length = sliding.length();
-            if length > 0.0 {
-                *position -= sliding * (settings.friction * push / length).min(1.0);
-            }
-        }
-    }
-
-    fn limit_bounce(&mut self, span: &Span) {
-        let offset = self.contact_offset;
-        for Contact { vertex, skin } in &self.contacts {
-            let vertex = *vertex as usize;
-            let normal = skin.normal(span.end);
-            if (self.positions[vertex] - skin.position(span.end)).dot(normal) > offset + 1e-6 {
-                continue;
-            }
-            let leaving =
-                (self.velocities[vertex] - skin.way(span.start, span.end) / span.seconds).dot(normal);
-            if leaving > LARGEST_BOUNCE {
-                self.velocities[vertex] -= normal * (leaving - LARGEST_BOUNCE);
-            }
         }
     }
 }

@@ -32,11 +32,16 @@ fn ball(radius: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     grid.surface()
 }
 
+fn all_of(faces: &[[u32; 3]]) -> Vec<u32> {
+    (0..faces.len() as u32).collect()
+}
+
 /// Advances by whole frames over a body that stays where it is.
 fn run(cloth: &mut Cloth, body: &(Vec<DVec3>, Vec<[u32; 3]>), frames: usize, settings: &ClothSettings) {
     for _ in 0..frames {
-        let interval = BodyInterval::new(&body.1, &body.0, &body.0, 1.0 / RATE, settings).unwrap();
-        cloth.advance(&interval, settings);
+        let felt = all_of(&body.1);
+        let interval = BodyInterval::new(&body.1, &felt, &body.0, &body.0, 1.0 / RATE, settings).unwrap();
+        cloth.advance(&interval, None, settings);
     }
 }
 
@@ -213,4 +218,39 @@ fn a_folded_sheet_holds_the_energy_of_its_rigidity() {
     });
     // Three directions of springs are no full circle: 0.211 and 0.336 in place of 0.273. Borders have fewer springs.
     assert!((along - 1.23).abs() < 0.08 && (across - 0.77).abs() < 0.08, "{along} {across}");
+}
+
+/// A sheet that falls onto one that lies on a ball comes to rest above it.
+#[test]
+fn cloth_lies_over_what_is_worn_beneath() {
+    let body = ball(0.2);
+    let (positions, faces) = sheet(0.22, 24);
+    let settings = ClothSettings { friction: 0.6, layer_contact_mm: 30.0, ..ClothSettings::default() };
+    let mut inner = Cloth::new(positions.clone(), &faces, Vec::new(), &settings);
+    let higher = positions.iter().map(|position| *position + DVec3::Y * 0.02).collect();
+    let mut outer = Cloth::new(higher, &faces, Vec::new(), &settings);
+    let mut through = outer.clone();
+    for _ in 0..20 {
+        let felt = all_of(&body.1);
+        let interval = BodyInterval::new(&body.1, &felt, &body.0, &body.0, 1.0 / RATE, &settings).unwrap();
+        let before = inner.positions().to_vec();
+        inner.advance(&interval, None, &settings);
+        let after = inner.positions().to_vec();
+        let felt = all_of(&faces);
+        let layer = BodyInterval::new(&faces, &felt, &before, &after, 1.0 / RATE, &settings).unwrap();
+        outer.advance(&interval, Some(&layer), &settings);
+        through.advance(&interval, None, &settings);
+    }
+    let mesh = habitus::geometry::TriangleMesh::new(inner.positions().to_vec(), faces).unwrap();
+    let index = habitus::geometry::SurfaceIndex::of_mesh(&mesh);
+    let below = |cloth: &Cloth| {
+        let depth = |place: &DVec3| {
+            let nearest = index.closest(*place);
+            (nearest.position - *place).dot(nearest.normal) > 0.001
+        };
+        cloth.positions().iter().filter(|place| depth(place)).count()
+    };
+    let (felt, unfelt) = (below(&outer), below(&through));
+    assert!(felt * 100 < outer.positions().len(), "{felt} vertices are below the sheet beneath");
+    assert!(unfelt > felt, "without contact it is lower: {unfelt}");
 }
