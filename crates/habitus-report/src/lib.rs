@@ -7,6 +7,7 @@
 mod captured_body;
 pub mod clothing;
 pub mod clothing_stills;
+pub mod dressed_report;
 pub mod dressing_room;
 pub mod render;
 pub mod report;

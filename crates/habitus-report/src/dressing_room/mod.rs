@@ -1,7 +1,10 @@
 //! The dressing room: a page on which a dressed person plays while sliders change build, motion, fabric and size.
 //!
-//! This module knows the page and the order of the numbers that it reads; what answers a choice is the caller's. All
-//! arrays are little-endian, one after the other, each padded to four bytes.
+//! This module knows the page and the order of the numbers that it reads; `room` answers choices from a clothing model.
+//! All arrays are little-endian, one after the other, each padded to four bytes.
+
+mod bytes;
+mod room;
 
 use std::collections::BTreeMap;
 
@@ -9,24 +12,28 @@ use glam::{DMat3, DVec3};
 use serde::Serialize;
 use thiserror::Error;
 
+pub(crate) use bytes::{Bytes, body_skin};
+pub use room::{DressingRoom, RoomFabric, RoomMotion};
+
 use crate::render::ColorScale;
 use crate::report::escaped;
 
 const PAGE: &str = include_str!("../../assets/dressing_room.html");
+/// Canvas and buttons of a dressed person, for the room and for reports.
+pub(crate) const VIEWER: &str = include_str!("../../assets/dressed_viewer.html");
 const STYLES: [&str; 2] =
     [include_str!("../../assets/style.css"), include_str!("../../assets/dressing_room.css")];
-const SCRIPTS: [&str; 6] = [
+const SCRIPTS: [&str; 7] = [
     include_str!("../../assets/linear_algebra.js"),
     include_str!("../../assets/blocks.js"),
     include_str!("../../assets/shaders.js"),
     include_str!("../../assets/viewer.js"),
     include_str!("../../assets/controls.js"),
+    include_str!("../../assets/dressed_stage.js"),
     include_str!("../../assets/dressing_room.js"),
 ];
 /// Steps of the heat map's colour table.
 const HEAT_STEPS: usize = 256;
-/// Bones that move a vertex of the body in the shader.
-const BODY_INFLUENCES: usize = 4;
 
 /// A fabric of the list, in standardised components.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -61,6 +68,17 @@ pub struct SkinnedSurface {
     pub faces: Vec<[u32; 3]>,
     /// Bones and weights of each vertex.
     pub skin: Vec<Vec<(usize, f64)>>,
+}
+
+impl SkinnedSurface {
+    /// A vertex that the root moves most: what the camera follows.
+    pub(crate) fn root_vertex(&self) -> usize {
+        let share = |vertex: &Vec<(usize, f64)>| {
+            vertex.iter().filter(|(bone, _)| *bone == 0).map(|(_, weight)| *weight).sum::<f64>()
+        };
+        let shares = self.skin.iter().enumerate().map(|(index, vertex)| (index, share(vertex)));
+        shares.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
+    }
 }
 
 /// All that the page needs once.
@@ -143,7 +161,9 @@ const LARGEST_DEVIATION: f64 = 3.0;
 impl DressingScene {
     /// The page's markup.
     pub fn page(&self) -> String {
-        PAGE.replace("{{title}}", &escaped(&self.title)).replace("{{subtitle}}", &escaped(&self.subtitle))
+        PAGE.replace("{{viewer}}", VIEWER)
+            .replace("{{title}}", &escaped(&self.title))
+            .replace("{{subtitle}}", &escaped(&self.subtitle))
     }
 
     /// The page's style sheet.
@@ -164,7 +184,7 @@ impl DressingScene {
                 "vertexCount": self.body.vertex_count,
                 "faceCount": self.body.faces.len(),
                 "boneCount": self.bone_count,
-                "rootVertex": self.root_vertex(),
+                "rootVertex": self.body.root_vertex(),
             },
             "clothing": {
                 "vertexCount": self.clothing.vertex_count,
@@ -206,15 +226,6 @@ impl DressingScene {
 
     fn influence_count(&self) -> usize {
         self.clothing.skin.iter().map(Vec::len).max().unwrap_or(0).max(1)
-    }
-
-    /// A vertex that the root moves most: what the camera follows.
-    fn root_vertex(&self) -> usize {
-        let share = |vertex: &Vec<(usize, f64)>| {
-            vertex.iter().filter(|(bone, _)| *bone == 0).map(|(_, weight)| *weight).sum::<f64>()
-        };
-        let shares = self.body.skin.iter().enumerate().map(|(index, vertex)| (index, share(vertex)));
-        shares.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
     }
 
     /// Reads what the sliders say, as the script writes it into the path: `motion=0;identity=0,1.5;fabric=;sizes=1`.
@@ -261,68 +272,10 @@ impl DressedMotion {
         bytes.words(&[self.bones.len() as u32, u32::from(has_clearance)]);
         bytes.floats(self.rest_vertices.iter().flat_map(|place| place.to_array()));
         bytes.floats(self.clothing_base.iter().flat_map(|place| place.to_array()));
-        bytes.floats(self.bones.iter().flatten().flat_map(|(rotation, translation)| {
-            let row = |k: usize| {
-                let row = rotation.row(k);
-                [row.x, row.y, row.z, translation[k]]
-            };
-            [row(0), row(1), row(2)].concat()
-        }));
+        bytes.bones(&self.bones);
         bytes.floats(self.coefficients.iter().flatten().copied());
-        let bytes_of = |clearance: &f64| clearance.round().clamp(-127.0, 127.0) as i8 as u8;
-        bytes.raw(self.clearance_mm.iter().flatten().map(bytes_of).collect());
+        bytes.clearances(self.clearance_mm.iter().flatten());
         bytes.finish()
-    }
-}
-
-/// Four strongest bones of each vertex as shares of 255.
-fn body_skin(skin: &[Vec<(usize, f64)>]) -> (Vec<u8>, Vec<u8>) {
-    let mut weights = Vec::with_capacity(skin.len() * BODY_INFLUENCES);
-    let mut bones = Vec::with_capacity(skin.len() * BODY_INFLUENCES);
-    for vertex in skin {
-        let mut strongest = vertex.clone();
-        strongest.sort_by(|a, b| b.1.total_cmp(&a.1));
-        strongest.resize(BODY_INFLUENCES, (0, 0.0));
-        weights.extend(strongest.iter().map(|(_, weight)| (weight * 255.0).round() as u8));
-        bones.extend(strongest.iter().map(|(bone, _)| *bone as u8));
-    }
-    (weights, bones)
-}
-
-/// Arrays one after the other, each padded to four bytes.
-#[derive(Default)]
-struct Bytes(Vec<u8>);
-
-impl Bytes {
-    fn pad(&mut self) {
-        self.0.resize(self.0.len().next_multiple_of(4), 0);
-    }
-
-    fn raw(&mut self, values: Vec<u8>) {
-        self.0.extend(values);
-        self.pad();
-    }
-
-    fn words(&mut self, values: &[u32]) {
-        self.0.extend(values.iter().flat_map(|value| value.to_le_bytes()));
-    }
-
-    fn floats(&mut self, values: impl Iterator<Item = f64>) {
-        self.0.extend(values.flat_map(|value| (value as f32).to_le_bytes()));
-    }
-
-    /// 16 bits an index where they suffice, as the script expects.
-    fn faces(&mut self, faces: &[[u32; 3]], vertex_count: usize) {
-        if vertex_count <= 1 << 16 {
-            self.0.extend(faces.as_flattened().iter().flat_map(|vertex| (*vertex as u16).to_le_bytes()));
-        } else {
-            self.words(faces.as_flattened());
-        }
-        self.pad();
-    }
-
-    fn finish(self) -> Vec<u8> {
-        self.0
     }
 }
 

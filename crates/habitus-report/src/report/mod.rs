@@ -23,7 +23,7 @@ pub use data::{
     LandmarkView, MeasurementRow, ModelView, Percentiles, ReportData, ReportOptions, Timing, TruthRow,
 };
 pub(crate) use decimate::decimated;
-pub(crate) use markup::{escaped, number};
+pub(crate) use markup::{escaped, number, script_json};
 pub(crate) use page::STYLE;
 pub use page::page;
 pub(crate) use plan::view_frames;

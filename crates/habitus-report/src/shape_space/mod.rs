@@ -34,6 +34,21 @@ pub struct Table {
 
 /// The page: everything inside one file, nothing loaded and no script.
 pub fn figures_page(title: &str, subtitle: &str, figures: &[Figure], tables: &[Table]) -> String {
+    let body = sheets(figures, tables);
+    format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'\">\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta name=\"color-scheme\" content=\"light dark\">\n<title>{title} – habitus</title>\n<link rel=\"icon\" href=\"data:,\">\n<style>\n{}\n{SHEET_STYLE}\n</style>\n</head>\n<body>\n<header class=\"masthead\"><div class=\"masthead-text\"><p class=\"brand\">habitus <span>{}</span></p><h1>{title}</h1><p class=\"subtitle\">{}</p></div></header>\n<main><div class=\"sheets\">{body}</div></main>\n<footer><p>Everything on this page is inside this one file: it loads nothing from the network and sends nothing.</p></footer>\n</body>\n</html>\n",
+        STYLE,
+        env!("CARGO_PKG_VERSION"),
+        escaped(subtitle),
+        title = escaped(title),
+    )
+}
+
+/// Rules for figures and tables side by side.
+pub(crate) const SHEET_STYLE: &str = ".sheets{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,26rem),1fr));gap:1rem}.sheet{margin:0;background:#fff;color:#30343c;border-radius:8px;padding:.6rem}.sheet svg{width:100%;height:auto}.sheet figcaption{font-size:.85rem;padding:.3rem .2rem}table td{text-align:right;font-variant-numeric:tabular-nums;padding:.15rem .6rem}table th{text-align:right;padding:.15rem .6rem}table td:first-child,table th:first-child{text-align:left}";
+
+/// Figures, then tables, as parts of a page.
+pub(crate) fn sheets(figures: &[Figure], tables: &[Table]) -> String {
     let mut body = String::new();
     for figure in figures {
         let _ = write!(
@@ -52,13 +67,7 @@ pub fn figures_page(title: &str, subtitle: &str, figures: &[Figure], tables: &[T
             escaped(&table.title)
         );
     }
-    format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'\">\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta name=\"color-scheme\" content=\"light dark\">\n<title>{title} – habitus</title>\n<link rel=\"icon\" href=\"data:,\">\n<style>\n{}\n.sheets{{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,26rem),1fr));gap:1rem}}.sheet{{margin:0;background:#fff;color:#30343c;border-radius:8px;padding:.6rem}}.sheet svg{{width:100%;height:auto}}.sheet figcaption{{font-size:.85rem;padding:.3rem .2rem}}table td{{text-align:right;font-variant-numeric:tabular-nums;padding:.15rem .6rem}}table th{{text-align:right;padding:.15rem .6rem}}table td:first-child,table th:first-child{{text-align:left}}\n</style>\n</head>\n<body>\n<header class=\"masthead\"><div class=\"masthead-text\"><p class=\"brand\">habitus <span>{}</span></p><h1>{title}</h1><p class=\"subtitle\">{}</p></div></header>\n<main><div class=\"sheets\">{body}</div></main>\n<footer><p>Everything on this page is inside this one file: it loads nothing from the network and sends nothing.</p></footer>\n</body>\n</html>\n",
-        STYLE,
-        env!("CARGO_PKG_VERSION"),
-        escaped(subtitle),
-        title = escaped(title),
-    )
+    body
 }
 
 fn row((name, values): &(String, Vec<f64>)) -> String {

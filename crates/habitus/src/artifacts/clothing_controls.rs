@@ -104,6 +104,14 @@ impl ParameterTable {
         Ok(Self { columns, rows })
     }
 
+    /// Places of the columns that are one fabric table, and of all others.
+    fn fabric_and_own_columns(&self) -> (Vec<usize>, Vec<usize>) {
+        let is_fabric = |name: &str| {
+            name.strip_prefix(FABRIC_PREFIX).is_some_and(|rest| rest.bytes().all(|b| b.is_ascii_digit()))
+        };
+        (0..self.columns.len()).partition(|column| is_fabric(&self.columns[*column]))
+    }
+
     fn row(&self, name: &str) -> Result<&[f64], ControlsError> {
         let found = self.rows.iter().find(|(known, _)| known == name);
         found.map(|(_, row)| row.as_slice()).ok_or_else(|| ControlsError::NoRow { name: name.into() })
@@ -141,6 +149,21 @@ impl FabricSpace {
     }
 }
 
+/// The controls that a row of a table says: components of its fabric, then its other columns.
+fn values_of(
+    table: &ParameterTable,
+    row: &[f64],
+    fabrics: Option<&FabricSpace>,
+) -> Result<Vec<f64>, ControlsError> {
+    let (fabric_columns, own_columns) = table.fabric_and_own_columns();
+    let mut values = match fabrics {
+        Some(space) => space.components(&fabric_columns.iter().map(|k| row[*k]).collect::<Vec<f64>>())?,
+        None => Vec::new(),
+    };
+    values.extend(own_columns.iter().map(|k| row[*k]));
+    Ok(values)
+}
+
 /// One control.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Control {
@@ -172,11 +195,7 @@ impl ClothingControls {
         sequences: &[String],
         fabric_components: usize,
     ) -> Result<Self, ControlsError> {
-        let is_fabric = |name: &str| {
-            name.strip_prefix(FABRIC_PREFIX).is_some_and(|rest| rest.bytes().all(|b| b.is_ascii_digit()))
-        };
-        let (fabric_columns, own_columns): (Vec<usize>, Vec<usize>) =
-            (0..table.columns.len()).partition(|column| is_fabric(&table.columns[*column]));
+        let (fabric_columns, own_columns) = table.fabric_and_own_columns();
         let rows: Vec<&[f64]> = sequences.iter().map(|name| table.row(name)).collect::<Result<_, _>>()?;
         let fabric_of = |row: &[f64]| fabric_columns.iter().map(|k| row[*k]).collect::<Vec<f64>>();
         let fabrics = if fabric_columns.is_empty() {
@@ -187,12 +206,7 @@ impl ClothingControls {
         };
         let mut known = Vec::new();
         for (name, row) in sequences.iter().zip(&rows) {
-            let mut values = match &fabrics {
-                Some(space) => space.components(&fabric_of(row))?,
-                None => Vec::new(),
-            };
-            values.extend(own_columns.iter().map(|k| row[*k]));
-            known.push((name.clone(), values));
+            known.push((name.clone(), values_of(table, row, fabrics.as_ref())?));
         }
         let fabric_count = fabrics.as_ref().map_or(0, |fabrics| fabrics.space.component_count());
         let names = (1..=fabric_count)
@@ -209,6 +223,13 @@ impl ClothingControls {
         };
         let controls = names.enumerate().map(control).collect();
         Ok(Self { controls, fabrics, known })
+    }
+
+    /// Makes a further sequence known, whose fabric is seen with the components of the others.
+    pub fn add_sequence(&mut self, table: &ParameterTable, name: &str) -> Result<(), ControlsError> {
+        let values = values_of(table, table.row(name)?, self.fabrics.as_ref())?;
+        self.known.push((name.into(), values));
+        Ok(())
     }
 
     /// Number of controls.
@@ -245,7 +266,7 @@ impl ClothingControls {
 
     /// Sets the fabric to one that was learnt from, by its sequence's name.
     pub fn set_known_fabric(&self, values: &mut [f64], name: &str) -> Result<(), ControlsError> {
-        let count = self.fabric_count();
+        let count = self.fabric_component_count();
         let found = self.of_sequence(name).filter(|_| count > 0).ok_or_else(|| {
             let known: Vec<&str> = self.known.iter().map(|(name, _)| name.as_str()).collect();
             let known = if count == 0 { "no fabrics".into() } else { known.join(", ") };
@@ -265,7 +286,8 @@ impl ClothingControls {
         Ok(())
     }
 
-    fn fabric_count(&self) -> usize {
+    /// Number of controls that are components of a fabric; they come first.
+    pub fn fabric_component_count(&self) -> usize {
         self.fabrics.as_ref().map_or(0, |fabrics| fabrics.space.component_count())
     }
 }
@@ -308,6 +330,18 @@ mod tests {
         assert_eq!(values[2], 1.5);
         controls.set_known_fabric(&mut values, "denim").unwrap();
         assert_eq!(values[..2], controls.of_sequence("denim").unwrap()[..2]);
+    }
+
+    #[test]
+    fn a_sequence_that_joins_later_is_seen_with_the_components_of_the_others() {
+        let others = ["denim", "silk"].map(str::to_owned);
+        let mut controls = ClothingControls::learn(&table(), &others, 2).unwrap();
+        let before = controls.clone();
+        controls.add_sequence(&table(), "rib").unwrap();
+        assert_eq!((&controls.controls, &controls.fabrics), (&before.controls, &before.fabrics));
+        let rib = controls.of_sequence("rib").unwrap();
+        assert_eq!((rib.len(), rib[rib.len() - 1]), (controls.len(), 1.6));
+        assert!(controls.add_sequence(&table(), "felt").is_err());
     }
 
     #[test]

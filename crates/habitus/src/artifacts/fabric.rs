@@ -122,6 +122,16 @@ pub fn find_fabric(name_or_file: &str) -> Result<Fabric, FabricError> {
     Err(FabricError::Unknown { name: name_or_file.into(), known: known.join(", ") })
 }
 
+/// The 39 numbers of a fabric of our own by its name, or those of a user's `.json` file as they stand there.
+pub fn find_fabric_table(name_or_file: &str) -> Result<Vec<f64>, FabricError> {
+    let path = Path::new(name_or_file);
+    let is_file = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
+    if is_file {
+        return read_fabric_table(path).map(|(_, numbers)| numbers);
+    }
+    find_fabric(name_or_file).map(|fabric| fabric.table().to_vec())
+}
+
 /// Reads a `.json` file of the 39-number form into effective numbers: means over states and curvatures.
 pub fn read_fabric(path: &Path) -> Result<Fabric, FabricError> {
     let malformed = |reason: String| FabricError::Malformed { path: path.to_path_buf(), reason };

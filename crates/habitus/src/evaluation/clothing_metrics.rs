@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::artifacts::synthesized_sequence::Penetration;
@@ -13,6 +14,59 @@ pub struct SplitErrors {
     pub train_mm: f64,
     /// On the frames that were set aside.
     pub prediction_mm: f64,
+}
+
+/// What differs between a sequence that is left out and the others.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LeftOutKind {
+    /// A body or a motion, or all of it.
+    #[default]
+    Sequence,
+    /// The fabric alone is a control.
+    Material,
+    /// Sizes alone are controls.
+    Size,
+}
+
+/// Lengths of the clothing's borders, such as hems and sleeves, at rest.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct HemResponse {
+    /// Values of the control.
+    pub values: Vec<f64>,
+    /// Length in mm of each border at each value, by the bone that carries the border.
+    pub lengths_mm: BTreeMap<String, Vec<f64>>,
+}
+
+impl HemResponse {
+    /// The border whose length the control changes most, and by how much, in mm.
+    pub fn most_changed(&self) -> Option<(&str, f64)> {
+        let change = |lengths: &[f64]| lengths.last().zip(lengths.first()).map(|(last, first)| last - first);
+        let changes = self.lengths_mm.iter().filter_map(|(name, lengths)| Some((name.as_str(), change(lengths)?)));
+        changes.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
+    }
+
+    /// Whether a border never gets shorter as the control grows.
+    pub fn grows(&self, border: &str) -> bool {
+        self.lengths_mm.get(border).is_some_and(|lengths| lengths.is_sorted())
+    }
+}
+
+/// Where on the clothing a prediction is wrong: means over the frames of one sequence.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClothingErrorMap {
+    /// The sequence.
+    pub sequence: String,
+    /// The captured clothing of its middle frame, metres.
+    pub vertices: Vec<DVec3>,
+    /// The body of that frame, metres.
+    pub body: Vec<DVec3>,
+    /// The body's triangles.
+    pub body_faces: Vec<[u32; 3]>,
+    /// The clothing's triangles.
+    pub faces: Vec<[u32; 3]>,
+    /// Error of each vertex in mm, by method.
+    pub errors_mm: Vec<(String, Vec<f64>)>,
 }
 
 /// The contents of `metrics.json`. The names of its keys are a contract.
@@ -32,8 +86,12 @@ pub struct ClothingMetrics {
     pub baselines: BTreeMap<String, BTreeMap<String, f64>>,
     /// Prediction errors in mm of each sequence that was left out, by method.
     pub left_out: BTreeMap<String, BTreeMap<String, f64>>,
+    /// What a sequence that is left out is to those that stay: a material, a size, or a sequence of another kind.
+    pub left_out_kind: LeftOutKind,
     /// How much each control moves the clothing on each bone, in mm from its smallest to its largest value.
     pub control_response_mm: BTreeMap<String, BTreeMap<String, f64>>,
+    /// How long each border of the clothing is as a control goes from its smallest to its largest value.
+    pub hem_response: BTreeMap<String, HemResponse>,
     /// Error of each frame, in mm, of the default recipe on the block split; frames learnt from come first.
     pub frame_error_mm: Vec<f64>,
     /// Where the frames set aside begin in that list.

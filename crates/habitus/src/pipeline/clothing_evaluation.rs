@@ -4,12 +4,14 @@ use std::collections::BTreeMap;
 
 use habitus_optimize::{Event, Flow, Observer};
 
+use super::clothing_left_out::leave_one_out;
 use super::clothing_model_run::ClothingModelRunError;
+use super::clothing_sliders::measure_sliders;
 use crate::artifacts::clothing_controls::ParameterTable;
 use crate::artifacts::clothing_layer::ClothingLayer;
 use crate::artifacts::synthesized_sequence::Penetration;
 use crate::body::FeatureSet;
-use crate::evaluation::clothing_metrics::{ClothingMetrics, SplitErrors};
+use crate::evaluation::clothing_metrics::{ClothingErrorMap, ClothingMetrics, SplitErrors};
 use crate::evaluation::layer_reconstruction::{PosedLayer, SurfacePairs};
 use crate::stages::learn_clothing::config::SettleConfig;
 use crate::stages::learn_clothing::{
@@ -22,7 +24,7 @@ use crate::stages::synthesize::{PushOut, body_mesh};
 /// Components of P3's Table 1, besides all of them.
 const TABLE_COMPONENTS: [usize; 3] = [1, 5, 40];
 /// Frames whose penetration is looked at, evenly spread.
-const PENETRATION_FRAMES: usize = 40;
+pub(super) const PENETRATION_FRAMES: usize = 40;
 
 /// Settings of an evaluation.
 pub struct ClothingEvaluation<'a> {
@@ -36,13 +38,21 @@ pub struct ClothingEvaluation<'a> {
     pub config: &'a LearnClothingConfig,
 }
 
+/// What an evaluation found.
+pub struct EvaluatedClothing {
+    /// The numbers.
+    pub metrics: ClothingMetrics,
+    /// Where on the clothing sequences that were left out are wrong.
+    pub maps: Vec<ClothingErrorMap>,
+}
+
 impl ClothingEvaluation<'_> {
     /// Learns and measures everything; `seconds_now` is the caller's clock.
     pub fn run(
         self,
         observer: &mut dyn Observer,
         seconds_now: &dyn Fn() -> f64,
-    ) -> Result<ClothingMetrics, ClothingModelRunError> {
+    ) -> Result<EvaluatedClothing, ClothingModelRunError> {
         let mut metrics = ClothingMetrics { sequences: self.names.clone(), ..ClothingMetrics::default() };
         let as_fitted = LearnClothingConfig {
             settle: SettleConfig { rounds: 0, ..self.config.settle.clone() },
@@ -82,14 +92,18 @@ impl ClothingEvaluation<'_> {
                 progress(observer)?;
             }
         }
-        if prepared.layers.len() > 1 {
-            leave_one_out(&prepared, self.config, &mut metrics)?;
-        }
         if !prepared.controls.is_empty() {
-            control_response(&prepared, self.config, &mut metrics)?;
+            measure_sliders(&prepared, self.config, &mut metrics)?;
+        }
+        let mut maps = Vec::new();
+        if prepared.layers.len() > 1 {
+            let start = seconds_now();
+            let mut prepared = prepared;
+            maps = leave_one_out(&mut prepared, self.parameters, self.config, &mut metrics, observer)?;
+            metrics.seconds.insert("leave_one_out".into(), seconds_now() - start);
         }
         progress(observer)?;
-        Ok(metrics)
+        Ok(EvaluatedClothing { metrics, maps })
     }
 }
 
@@ -135,7 +149,7 @@ fn measure_split(
     Ok(learnt)
 }
 
-fn baseline_error(
+pub(super) fn baseline_error(
     prepared: &PreparedLayers,
     learnt: &Learnt,
     baseline: Baseline,
@@ -146,54 +160,6 @@ fn baseline_error(
     let amounts = prepared.amounts(&learnt.space, train);
     let predicted = baseline.predict(&features.select_rows(train), &amounts, &features.select_rows(test))?;
     Ok(prepared.error_of_amounts(&learnt.space, test, &predicted))
-}
-
-/// Every sequence in turn is not learnt from: an unseen motion, body, fabric or size.
-fn leave_one_out(
-    prepared: &PreparedLayers,
-    config: &LearnClothingConfig,
-    metrics: &mut ClothingMetrics,
-) -> Result<(), ClothingModelRunError> {
-    let mut sums: BTreeMap<String, Vec<SplitErrors>> = BTreeMap::new();
-    for (left_out, name) in prepared.names.iter().enumerate() {
-        let (test, train): (Vec<usize>, Vec<usize>) =
-            (0..prepared.rows.len()).partition(|row| prepared.rows[*row].0 == left_out);
-        let mut found = BTreeMap::new();
-        for recipe in [ClothingRecipe::Paper2018, ClothingRecipe::Default] {
-            let config = LearnClothingConfig { recipe, ..config.clone() };
-            let learnt = learn_rows(prepared, &train, &train, &config)?;
-            let errors = SplitErrors {
-                train_mm: regression_error(prepared, &learnt, &train, recipe),
-                prediction_mm: regression_error(prepared, &learnt, &test, recipe),
-            };
-            found.insert(name_of(&recipe), errors.prediction_mm);
-            sums.entry(name_of(&recipe)).or_default().push(errors);
-            if recipe == ClothingRecipe::Default {
-                for baseline in Baseline::ALL {
-                    let error = baseline_error(prepared, &learnt, baseline, &train, &test)?;
-                    found.insert(baseline.name().to_owned(), error);
-                }
-            }
-        }
-        metrics.left_out.insert(name.clone(), found);
-    }
-    for (recipe, errors) in sums {
-        let count = errors.len() as f64;
-        let mean = SplitErrors {
-            train_mm: errors.iter().map(|errors| errors.train_mm).sum::<f64>() / count,
-            prediction_mm: errors.iter().map(|errors| errors.prediction_mm).sum::<f64>() / count,
-        };
-        metrics.regression.entry(recipe).or_default().insert("leave_one_out".into(), mean);
-    }
-    let count = metrics.left_out.len() as f64;
-    let mut means: BTreeMap<String, f64> = BTreeMap::new();
-    for found in metrics.left_out.values() {
-        for baseline in Baseline::ALL {
-            *means.entry(baseline.name().into()).or_default() += found[baseline.name()] / count;
-        }
-    }
-    metrics.baselines.insert("leave_one_out".into(), means);
-    Ok(())
 }
 
 /// Frame errors, normals, accelerations and penetration of the block that was set aside.
@@ -246,58 +212,4 @@ fn measure_block(
 
 fn mean_distance(a: &[glam::DVec3], b: &[glam::DVec3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a.distance(*b)).sum::<f64>() / a.len().max(1) as f64
-}
-
-/// Each control alone from its smallest to its largest value, the others at their means: mean movement on each bone.
-fn control_response(
-    prepared: &PreparedLayers,
-    config: &LearnClothingConfig,
-    metrics: &mut ClothingMetrics,
-) -> Result<(), ClothingModelRunError> {
-    let all: Vec<usize> = (0..prepared.rows.len()).collect();
-    let config = LearnClothingConfig { recipe: ClothingRecipe::Default, ..config.clone() };
-    let learnt = learn_rows(prepared, &all, &all, &config)?;
-    let step = (all.len() / PENETRATION_FRAMES).max(1);
-    let rows: Vec<usize> = all.into_iter().step_by(step).collect();
-    let mut features = prepared.features(config.recipe.feature_set()).select_rows(&rows);
-    let first = features.ncols() - prepared.controls.len();
-    for (k, control) in prepared.controls.controls.iter().enumerate() {
-        features.column_mut(first + k).fill(control.default);
-    }
-    let layer = &prepared.layers[0];
-    let skin = layer.association.blended_skin(&layer.rig);
-    for (k, control) in prepared.controls.controls.iter().enumerate() {
-        let mut at = |value: f64| {
-            features.column_mut(first + k).fill(value);
-            prepared.offsets_of_amounts(&learnt.space, &learnt.regressor.predict(&features))
-        };
-        let (low, high) = (at(control.minimum), at(control.maximum));
-        features.column_mut(first + k).fill(control.default);
-        let mut moved = vec![(0.0, 0.0); layer.rig.skeleton.bones().len()];
-        for point in 0..skin.point_count() {
-            let mean: f64 = low
-                .iter()
-                .zip(&high)
-                .map(|(low, high)| {
-                    let at = |offsets: &[f64]| glam::DVec3::from_slice(&offsets[3 * point..]);
-                    at(low).distance(at(high))
-                })
-                .sum::<f64>()
-                / low.len().max(1) as f64;
-            for (bone, weight) in skin.of(point) {
-                moved[bone].0 += weight * mean;
-                moved[bone].1 += weight;
-            }
-        }
-        let response = layer
-            .rig
-            .skeleton
-            .bones()
-            .iter()
-            .zip(moved)
-            .filter(|(_, (_, weight))| *weight > 1.0)
-            .map(|(bone, (sum, weight))| (bone.name.clone(), 1000.0 * sum / weight));
-        metrics.control_response_mm.insert(control.name.clone(), response.collect());
-    }
-    Ok(())
 }

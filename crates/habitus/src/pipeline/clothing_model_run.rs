@@ -8,11 +8,12 @@ use thiserror::Error;
 
 use super::clothing_run::LAYER_FILE;
 use super::run_folder::{RunFolder, RunFolderError, StageFolder, StageName};
-use super::sequence_run::{RunError, file_names, read_stored_fit};
+use super::input_key::InputKey;
+use super::sequence_run::{RunError, file_names, input_file, read_stored_fit};
 use crate::artifacts::clothing_controls::{ControlsError, ParameterTable};
 use crate::artifacts::clothing_layer::{ClothingLayer, LayerFileError, read_layer};
 use crate::artifacts::clothing_model::{
-    ClothingModel, ClothingModelError, LearningRecord, read_clothing_model, write_clothing_model,
+    ClothingModel, ClothingModelError, read_clothing_model, write_clothing_model,
 };
 use crate::artifacts::dressed_glb::write_dressed_glb;
 use crate::artifacts::motion_clip::MotionClip;
@@ -100,19 +101,19 @@ pub fn read_layers(paths: &[PathBuf]) -> Result<(Vec<String>, Vec<ClothingLayer>
     Ok((names, layers))
 }
 
-/// Reads the layers, learns and writes the model.
+/// Reads the layers, learns and writes the model; gives it back.
 pub fn learn_clothing_files(
     paths: &[PathBuf],
     parameters: Option<&Path>,
     output: &Path,
     config: &LearnClothingConfig,
     observer: &mut dyn Observer,
-) -> Result<LearningRecord, ClothingModelRunError> {
+) -> Result<ClothingModel, ClothingModelRunError> {
     let (names, layers) = read_layers(paths)?;
     let table = parameters.map(ParameterTable::read).transpose()?;
     let model = learn_clothing(names, layers, table.as_ref(), config, observer)?;
     write_clothing_model(output, &model)?;
-    Ok(model.record)
+    Ok(model)
 }
 
 /// Reads a motion for a dressed person: a run with a fit, a `fit.npz`, a motion clip, or a BVH, ASF/AMC or AMASS file, which
@@ -222,16 +223,62 @@ pub struct SynthesisSummary {
     pub frames_per_second: f64,
 }
 
+/// All that a synthesized sequence depends on.
+pub struct SynthesisInput<'a> {
+    /// File of the model or layer.
+    pub source_file: &'a Path,
+    /// The dressed person.
+    pub dressed: &'a ClothingLayer,
+    /// Motion and controls; none: a layer is replayed.
+    pub motion: Option<(&'a Motion, &'a [f64])>,
+    /// Form of the mesh files, if any are asked for.
+    pub meshes: Option<MeshFiles>,
+    /// Settings of the stage.
+    pub config: &'a SynthesizeConfig,
+}
+
+impl SynthesisInput<'_> {
+    /// The key of the results: the same inputs and settings of the same version give the same.
+    pub fn key(&self) -> Result<String, ClothingModelRunError> {
+        let in_run = self.source_file.join(StageName::ExtractClothing.folder()).join(LAYER_FILE);
+        let file = if self.source_file.is_file() { self.source_file } else { in_run.as_path() };
+        let mut provenance = Provenance::new("synthesize", self.config, 0)?;
+        provenance.inputs = vec![input_file(file)];
+        let mut key = InputKey::new();
+        key.add_text(&toml::to_string(&provenance).map_err(ProvenanceError::from)?);
+        let mut add_numbers = |numbers: &mut dyn Iterator<Item = f64>| {
+            key.add_bytes(&numbers.flat_map(f64::to_le_bytes).collect::<Vec<u8>>());
+        };
+        add_numbers(&mut self.dressed.rest_vertices.iter().flat_map(|place| place.to_array()));
+        if let Some((motion, controls)) = self.motion {
+            add_numbers(&mut motion.poses.iter().flatten().copied());
+            add_numbers(&mut std::iter::once(motion.frame_rate.frames_per_second()));
+            add_numbers(&mut controls.iter().copied());
+        }
+        key.add_text(&format!("{:?}", self.meshes));
+        Ok(key.text())
+    }
+}
+
+/// The summary of a synthesized run, if the results in the folder are whole and those of this key.
+pub fn finished_synthesis(
+    run: &RunFolder,
+    key: &str,
+) -> Result<Option<SynthesisSummary>, ClothingModelRunError> {
+    let stage = run.stage(StageName::Synthesize)?;
+    let text = std::fs::read_to_string(stage.file(synthesized_file_names::SUMMARY)).ok();
+    Ok(text.filter(|_| stage.is_finished(key)).and_then(|text| serde_json::from_str(&text).ok()))
+}
+
 /// Writes a synthesized sequence into its run folder.
 pub fn write_synthesis(
     run: &RunFolder,
     source: &ClothingSource,
-    dressed: &ClothingLayer,
+    input: &SynthesisInput<'_>,
     mut sequence: SynthesizedSequence,
-    meshes: Option<MeshFiles>,
-    config: &SynthesizeConfig,
     seconds: f64,
 ) -> Result<SynthesisSummary, ClothingModelRunError> {
+    let SynthesisInput { dressed, meshes, config, .. } = *input;
     const REPLAYED_COMPONENTS: usize = 40;
     let stage: StageFolder = run.stage(StageName::Synthesize)?;
     stage.mark_unfinished()?;
@@ -256,5 +303,6 @@ pub fn write_synthesis(
     write_atomically(&path, text.as_bytes())
         .map_err(|source| RunFolderError::Unusable { path: path.clone(), source })?;
     Provenance::new("synthesize", config, 0)?.write(&stage.file(file_names::PROVENANCE))?;
+    stage.mark_finished(&input.key()?)?;
     Ok(summary)
 }

@@ -9,8 +9,10 @@
 mod bootstrap;
 mod capture_origin;
 mod clothing_evaluation;
+mod clothing_left_out;
 mod clothing_model_run;
 mod clothing_run;
+mod clothing_sliders;
 mod input_key;
 mod learnt_shape;
 mod register_run;
@@ -25,10 +27,10 @@ pub use bootstrap::{
     Bootstrap, BootstrapConfig, BootstrapError, BootstrapInput, CurvePoint, RejectedScan, RoundSummary,
 };
 pub use capture_origin::CaptureOrigin;
-pub use clothing_evaluation::ClothingEvaluation;
+pub use clothing_evaluation::{ClothingEvaluation, EvaluatedClothing};
 pub use clothing_model_run::{
-    ClothingModelRunError, ClothingSource, SynthesisSummary, learn_clothing_files, read_layers, read_motion,
-    synthesized_file_names, write_synthesis,
+    ClothingModelRunError, ClothingSource, SynthesisInput, SynthesisSummary, finished_synthesis,
+    learn_clothing_files, read_layers, read_motion, synthesized_file_names, write_synthesis,
 };
 pub use clothing_run::{
     ClothingInput, ClothingRun, ClothingRunError, ClothingSummary, Connectivity, LAYER_FILE, captures_of_fit,
