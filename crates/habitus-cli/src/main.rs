@@ -9,6 +9,7 @@ mod local_server;
 mod machine;
 mod progress;
 mod sequence_job;
+mod side_page;
 
 use std::process::ExitCode;
 

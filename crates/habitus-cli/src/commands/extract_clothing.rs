@@ -11,12 +11,14 @@ use habitus::pipeline::{
     file_names, read_stored_fit, read_stored_layer,
 };
 use habitus_report::clothing_stills::association_sheet;
+use habitus_report::dressed_report::extraction_report;
 
 use crate::Outcome;
 use crate::config_file::SettingsArguments;
 use crate::console::Console;
 use crate::progress::StageBar;
 use crate::sequence_job;
+use crate::side_page::{REPORT_FILE, title_of, write_side_page};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -27,7 +29,8 @@ Examples:
   habitus extract-clothing run --aligned -o run --set extract_clothing.association.body_vertices_per_clothing_vertex=9
 
 RUN of the fit is a folder made by: habitus fit-sequence. The clothing is the whole dressed surface,
-as offsets from the fitted body; the layer is written to RUN/4_extract_clothing/layer.npz.";
+as offsets from the fitted body; the layer is written to RUN/4_extract_clothing/layer.npz, and beside
+it report.html, in which the dressed person plays.";
 
 /// What hangs on what, for a person to look at.
 const PICTURE_FILE: &str = "association.png";
@@ -121,6 +124,14 @@ pub fn run(arguments: &ExtractClothingArguments, console: &Console) -> anyhow::R
                 .and_then(|sheet| sheet.save_png(&picture));
             if let Err(error) = drawn {
                 console.warning(error);
+            }
+            let title = title_of(&arguments.output);
+            match extraction_report(&title, &extracted.layer) {
+                Ok(report) => {
+                    let page = stage.layer_file().with_file_name(REPORT_FILE);
+                    write_side_page(&page, &report.html(), console);
+                }
+                Err(error) => console.warning(error),
             }
             summary
         }

@@ -5,12 +5,14 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use habitus::pipeline::learn_clothing_files;
 use habitus::stages::learn_clothing::{ClothingRecipe, ClothingSplit};
+use habitus_report::dressed_report::model_report;
 
 use crate::Outcome;
 use crate::clock::StageClock;
 use crate::config_file::SettingsArguments;
 use crate::console::Console;
 use crate::progress::{RunObserver, StageBar};
+use crate::side_page::{title_of, write_side_page};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -19,7 +21,8 @@ Examples:
   habitus learn-clothing fabrics/* -o model.npz --parameters fabrics/parameters.csv
   habitus learn-clothing run -o model.npz --recipe paper2018 --split block
 
-The errors that are printed are those of frames that were set aside.";
+The errors that are printed are those of frames that were set aside. Beside the model stands a page of
+the same name (model.html), in which it plays.";
 
 /// Arguments of the verb.
 #[derive(Debug, Args)]
@@ -85,7 +88,7 @@ pub fn run(arguments: &LearnClothingArguments, console: &Console) -> anyhow::Res
     }
     let mut clock = StageClock::start();
     let mut observer = RunObserver { bar: StageBar::new(console), clock: &mut clock };
-    let record = learn_clothing_files(
+    let model = learn_clothing_files(
         &arguments.layers,
         arguments.parameters.as_deref(),
         &arguments.output,
@@ -93,6 +96,9 @@ pub fn run(arguments: &LearnClothingArguments, console: &Console) -> anyhow::Res
         &mut observer,
     )?;
     observer.bar.clear();
+    let page = model_report(&title_of(&arguments.output), &model).html();
+    write_side_page(&arguments.output.with_extension("html"), &page, console);
+    let record = &model.record;
     console.result(format!(
         "{}: {} frames of {} sequences, {:.1} s\nerror of the frames learnt from  {:6.2} mm\nerror of the frames \
          set aside    {:6.2} mm",

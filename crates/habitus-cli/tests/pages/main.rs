@@ -7,6 +7,8 @@
 )]
 
 mod browser;
+mod dressed_people;
+mod dressing_room;
 mod registered_people;
 mod review;
 mod server;
