@@ -54,7 +54,8 @@ pub fn run(arguments: &ClothingArguments, console: &Console) -> anyhow::Result<O
     let begin = Instant::now();
     let mut observer = RunObserver { bar: StageBar::new(console), clock: &mut clock };
     let evaluation = ClothingEvaluation { names, layers, parameters: parameters.as_ref(), config: &config };
-    let EvaluatedClothing { metrics, maps } = evaluation.run(&mut observer, &|| begin.elapsed().as_secs_f64())?;
+    let EvaluatedClothing { metrics, maps } =
+        evaluation.run(&mut observer, &|| begin.elapsed().as_secs_f64())?;
     observer.bar.clear();
     std::fs::create_dir_all(&arguments.output)
         .with_context(|| format!("{}: the folder cannot be made", arguments.output.display()))?;

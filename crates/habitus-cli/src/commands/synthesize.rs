@@ -57,7 +57,13 @@ pub struct SynthesizeArguments {
     #[arg(long, conflicts_with_all = ["output", "meshes"])]
     pub interactive: bool,
     /// Port of 127.0.0.1 for the page [default: a free one]
-    #[arg(long, value_name = "PORT", default_value_t = 0, hide_default_value = true, requires = "interactive")]
+    #[arg(
+        long,
+        value_name = "PORT",
+        default_value_t = 0,
+        hide_default_value = true,
+        requires = "interactive"
+    )]
     pub port: u16,
     /// Identity coefficients of another body, numbers in a text file [default: the body of the clothes]
     #[arg(long, value_name = "FILE")]
@@ -111,7 +117,10 @@ pub fn run(arguments: &SynthesizeArguments, console: &Console) -> anyhow::Result
     };
     let Some(output) = &arguments.output else {
         let ClothingSource::Model(model) = source else {
-            bail!("{}: is a layer; the page needs a model: habitus learn-clothing", arguments.source.display())
+            bail!(
+                "{}: is a layer; the page needs a model: habitus learn-clothing",
+                arguments.source.display()
+            )
         };
         return room::serve(arguments, ClothingModel { dressed, ..*model }, console);
     };

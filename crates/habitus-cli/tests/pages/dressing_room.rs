@@ -79,9 +79,13 @@ fn a_person_dresses_another_with_clicks() {
                    if (Math.abs(a[i] - b[i]) + Math.abs(a[i + 1] - b[i + 1]) + Math.abs(a[i + 2] - b[i + 2]) > 12) count++; return count / (a.length / 4); })(before, dressingRoom.stage.snapshot())";
     let share = |page: &mut Browser| page.value(changed).as_f64().expect("a number");
     assert_eq!(share(&mut page), 0.0);
-    for (name, value) in
-        [("size_tunic_width", "1.4"), ("identity_0", "3"), ("fabric_0", "1.3"), ("fabric", "2"), ("motion", "1")]
-    {
+    for (name, value) in [
+        ("size_tunic_width", "1.4"),
+        ("identity_0", "3"),
+        ("fabric_0", "1.3"),
+        ("fabric", "2"),
+        ("motion", "1"),
+    ] {
         page.value(&format!(
             "(() => {{ const input = document.querySelector('[name={name}]'); input.value = {value}; \
              input.dispatchEvent(new Event('input', {{ bubbles: true }})); }})()"
@@ -112,5 +116,42 @@ fn a_person_dresses_another_with_clicks() {
     page.click("[data-layer=penetration]");
     page.wait_for("dressingRoom.isIdle()");
     page.picture("dressing_room_penetration");
+    assert_eq!(page.troubles, Vec::<String>::new());
+}
+
+#[test]
+fn the_page_of_a_synthesis_plays_with_and_without_the_push_out() {
+    let (folder, path) = model();
+    let run = folder.path().join("narrow");
+    let synthesize = || {
+        let mut command = habitus();
+        command
+            .args(["synthesize", "--fit", "tunic_width=0.88", "--motion", "denim", "-o"])
+            .arg(&run)
+            .arg(&path);
+        command.output().expect("runs")
+    };
+    let made = synthesize();
+    assert!(made.status.success(), "{made:?}");
+    // Finished work is not done again, and says the same.
+    let again = synthesize();
+    assert!(String::from_utf8_lossy(&again.stderr).contains("already finished"), "{again:?}");
+    assert_eq!(made.stdout, again.stdout);
+    let report = run.join("6_synthesize/report.html");
+    let Some(mut page) = Browser::open(&format!("file://{}", report.display())) else { return };
+    page.wait_for("document.documentElement.dataset.state === 'ready'");
+    page.wait_for("dressedReport.state.framesDrawn > 1");
+    page.click("#play");
+    page.value("dressedReport.showFrame(3), 0");
+    page.value("window.before = dressedReport.stage.snapshot(), 0");
+    page.click("[data-layer=penetration]");
+    let inside = "parseFloat(document.getElementById('penetration-note').textContent)";
+    let after_push = page.value(inside).as_f64().expect("a share");
+    page.click("[data-layer=before]");
+    let before_push = page.value(inside).as_f64().expect("a share");
+    assert!(before_push > after_push + 10.0, "{before_push} % before, {after_push} % after the push-out");
+    let changed = "((a, b) => a.some((value, i) => Math.abs(value - b[i]) > 12))(before, dressedReport.stage.snapshot())";
+    assert_eq!(page.value(changed), true);
+    page.picture("synthesis_page");
     assert_eq!(page.troubles, Vec::<String>::new());
 }

@@ -7,9 +7,7 @@ use base64::engine::general_purpose::STANDARD;
 use habitus::evaluation::clothing_metrics::ClothingErrorMap;
 use habitus::evaluation::layer_reconstruction::mean;
 
-use crate::render::{
-    Camera, Color, Layer, Paint, RenderError, Scene, View, render, sequential_color,
-};
+use crate::render::{Camera, Color, Layer, Paint, RenderError, Scene, View, render, sequential_color};
 use crate::report::escaped;
 
 /// Error that gets the brightest colour, mm.
@@ -77,8 +75,10 @@ fn add_legend(out: &mut String, top: usize) {
     for step in 0..STEPS {
         let [red, green, blue] = sequential_color(step as f64 / (STEPS - 1) as f64).to_srgb();
         let x = 10 + 4 * step;
-        let _ =
-            write!(out, "<rect x=\"{x}\" y=\"{top}\" width=\"5\" height=\"10\" fill=\"rgb({red},{green},{blue})\"/>");
+        let _ = write!(
+            out,
+            "<rect x=\"{x}\" y=\"{top}\" width=\"5\" height=\"10\" fill=\"rgb({red},{green},{blue})\"/>"
+        );
     }
     let _ = write!(
         out,

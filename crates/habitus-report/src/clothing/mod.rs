@@ -173,11 +173,7 @@ fn quality(metrics: &ClothingMetrics) -> Table {
         ),
         head: head(&["", "% of vertices", "mean depth, mm", "deepest, mm", "vertex error, mm"]),
         rows: vec![
-            inside(
-                "before the push-out",
-                &metrics.penetration_before,
-                metrics.prediction_before_push_out_mm,
-            ),
+            inside("before the push-out", &metrics.penetration_before, metrics.prediction_before_push_out_mm),
             inside("after it", &metrics.penetration_after, metrics.prediction_after_push_out_mm),
         ],
     }

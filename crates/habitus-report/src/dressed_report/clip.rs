@@ -41,10 +41,8 @@ pub fn model_clip(model: &ClothingModel, poses: &[Vec<f64>]) -> DressedClip {
     let times: Vec<f64> = (0..poses.len()).map(|frame| rate.time_of(frame)).collect();
     let coefficients = model.coefficients(&all, &times, &model.controls.defaults());
     let frames: Vec<usize> = (0..poses.len()).step_by(step).collect();
-    let skeletons: Vec<PosedSkeleton> = frames
-        .iter()
-        .map(|frame| layer.rig.skeleton.pose(&layer.rest_joints, &poses[*frame]))
-        .collect();
+    let skeletons: Vec<PosedSkeleton> =
+        frames.iter().map(|frame| layer.rig.skeleton.pose(&layer.rest_joints, &poses[*frame])).collect();
     let clothing = unpushed(layer, &layer.rest_vertices, &skeletons, &|shown| {
         let row: Vec<f64> = coefficients.row(frames[shown]).iter().copied().collect();
         model.offsets(&row)

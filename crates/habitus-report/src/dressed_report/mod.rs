@@ -90,7 +90,7 @@ impl DressedReport {
         let (stage, script) = match &self.clip {
             Some(clip) if !clip.shown.is_empty() => (
                 format!(
-                    "<section class=\"stage dressing without-controls\">{VIEWER}</section><p class=\"keys\"><kbd>space</kbd> play <kbd>←</kbd> <kbd>→</kbd> frame <kbd>c</kbd> clothing <kbd>b</kbd> body <kbd>h</kbd> clearance <kbd>p</kbd> penetration <kbd>u</kbd> before the push-out <kbd>f</kbd> follow</p>"
+                    "<section class=\"stage dressing without-controls\">{VIEWER}</section><div class=\"stage-notes\"><p class=\"keys\"><kbd>space</kbd> play <kbd>←</kbd> <kbd>→</kbd> frame <kbd>c</kbd> clothing <kbd>b</kbd> body <kbd>h</kbd> clearance <kbd>p</kbd> penetration <kbd>u</kbd> before the push-out <kbd>f</kbd> follow</p></div>"
                 ),
                 clip.script(),
             ),
@@ -172,11 +172,7 @@ mod tests {
             clearance_mm: vec![1.0, -2.0, 300.0],
         };
         DressedClip {
-            body: SkinnedSurface {
-                vertex_count: 3,
-                faces: vec![[0, 1, 2]],
-                skin: vec![vec![(0, 1.0)]; 3],
-            },
+            body: SkinnedSurface { vertex_count: 3, faces: vec![[0, 1, 2]], skin: vec![vec![(0, 1.0)]; 3] },
             rest_vertices: triangle.clone(),
             clothing_faces: vec![[0, 1, 2]],
             frames_per_second: 30.0,

@@ -104,10 +104,16 @@ impl DressingRoom {
             Vec::new()
         };
         DressedMotion {
-            clothing_base: anchors.iter().zip(points(&mean)).map(|(anchor, offset)| *anchor + offset).collect(),
+            clothing_base: anchors
+                .iter()
+                .zip(points(&mean))
+                .map(|(anchor, offset)| *anchor + offset)
+                .collect(),
             bones: skeletons
                 .iter()
-                .map(|posed| posed.rotations.iter().copied().zip(posed.translations.iter().copied()).collect())
+                .map(|posed| {
+                    posed.rotations.iter().copied().zip(posed.translations.iter().copied()).collect()
+                })
                 .collect(),
             coefficients,
             clearance_mm,

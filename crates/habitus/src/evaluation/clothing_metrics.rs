@@ -42,7 +42,8 @@ impl HemResponse {
     /// The border whose length the control changes most, and by how much, in mm.
     pub fn most_changed(&self) -> Option<(&str, f64)> {
         let change = |lengths: &[f64]| lengths.last().zip(lengths.first()).map(|(last, first)| last - first);
-        let changes = self.lengths_mm.iter().filter_map(|(name, lengths)| Some((name.as_str(), change(lengths)?)));
+        let changes =
+            self.lengths_mm.iter().filter_map(|(name, lengths)| Some((name.as_str(), change(lengths)?)));
         changes.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
     }
 

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::clothing_run::LAYER_FILE;
-use super::run_folder::{RunFolder, RunFolderError, StageFolder, StageName};
 use super::input_key::InputKey;
+use super::run_folder::{RunFolder, RunFolderError, StageFolder, StageName};
 use super::sequence_run::{RunError, file_names, input_file, read_stored_fit};
 use crate::artifacts::clothing_controls::{ControlsError, ParameterTable};
 use crate::artifacts::clothing_layer::{ClothingLayer, LayerFileError, read_layer};

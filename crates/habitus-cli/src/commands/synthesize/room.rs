@@ -37,10 +37,7 @@ pub fn serve(
     if motions.is_empty() {
         bail!("the model has no motion of its own: give one or several with --motion");
     }
-    let fabric = |fabric: Fabric| RoomFabric {
-        table: fabric.table().to_vec(),
-        name: fabric.name,
-    };
+    let fabric = |fabric: Fabric| RoomFabric { table: fabric.table().to_vec(), name: fabric.name };
     let fabrics: Vec<RoomFabric> = named_fabrics()?.into_iter().map(fabric).collect();
     let title = title_of(&arguments.source);
     let needed = model.dressed.rig.model_name.clone();

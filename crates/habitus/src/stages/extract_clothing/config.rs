@@ -39,6 +39,9 @@ pub struct AssociationConfig {
     pub ray_start_inside: f64,
     /// Rays that meet the body first.
     pub blocked_rays: BlockedRays,
+    /// How far a pair may come apart in any of the frames: a sleeve that touches the trunk does not hang on it. Not in P3,
+    /// which looks at one frame.
+    pub largest_parting: f64,
     /// P3 §3.1: σ = 1 cm.
     pub diffusion_radius: f64,
     /// Largest geodesic distance that diffusion reaches, on the clothing and on the body. P3 §3.1: 3 cm.
@@ -59,6 +62,7 @@ impl Default for AssociationConfig {
             ray_length: 0.15,
             ray_start_inside: 0.01,
             blocked_rays: BlockedRays::Drop,
+            largest_parting: 0.3,
             diffusion_radius: 0.01,
             diffusion_reach: 0.03,
             body_vertices_per_clothing_vertex: 16,

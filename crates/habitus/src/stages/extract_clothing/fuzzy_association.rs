@@ -100,7 +100,7 @@ mod tests {
     fn diffusion_is_equation_2_summed_pair_by_pair() {
         let (clothing, body) = (strip(12), strip(15));
         let pairs: Vec<SparsePair> = [(3, 4), (9, 8), (10, 21), (12, 2)]
-            .map(|(clothing, body)| SparsePair { clothing, body, distance: 0.0 })
+            .map(|(clothing, body)| SparsePair { clothing, body })
             .to_vec();
         let slots = 7;
         let config = AssociationConfig { body_vertices_per_clothing_vertex: slots, ..Default::default() };

@@ -357,21 +357,23 @@ fn associate_frames(
     let template = &observed.first().ok_or_else(no_pair)?.clothing;
     let topology = Topology::of_mesh(template);
     let mut pairs = SparsePairs::new(template.positions().len());
-    let mut first_body = None;
+    let mut bodies = Vec::new();
     for seen in observed {
         if let Ok(body) = TriangleMesh::new(fit.posed_vertices(seen.frame), fit.rig.faces.clone()) {
             pairs.add_frame(&body, &seen.clothing, &topology, config);
-            first_body.get_or_insert(body);
+            bodies.push((body, &seen.clothing));
         }
     }
-    let pairs = pairs.pairs();
-    let (Some(body), false) = (first_body, pairs.is_empty()) else { return Err(no_pair()) };
+    let frames: Vec<(&TriangleMesh, &TriangleMesh)> =
+        bodies.iter().map(|(body, clothing)| (body, *clothing)).collect();
+    let pairs = pairs.lasting(&frames, config.largest_parting);
+    let (Some((body, _)), false) = (bodies.first(), pairs.is_empty()) else { return Err(no_pair()) };
     // Geodesics of the rest body and of the first surface: the same for all frames, up to stretch.
     let clothing = Geodesics::new(template.positions(), template.faces());
     let rest = Geodesics::new(&fit.sequence.rest_vertices, &fit.rig.faces);
     let mut slots = diffuse(&pairs, &clothing, &rest, config);
     let slot_count = config.body_vertices_per_clothing_vertex;
-    let completed = complete(&mut slots, &topology, template, &body, slot_count, config.completion_rounds);
+    let completed = complete(&mut slots, &topology, template, body, slot_count, config.completion_rounds);
     let mut association = ClothingAssociation {
         body_vertices_per_clothing_vertex: slot_count,
         body_vertices: Vec::with_capacity(slots.len() * slot_count),

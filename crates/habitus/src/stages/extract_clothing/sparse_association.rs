@@ -1,6 +1,7 @@
 //! Sparse association (P3 §3.1): rays from the body along its normals, one pair for each clothing vertex.
 //!
-//! Deviation: rays start a little inside the body, and those that meet it again make no pair; both are settings.
+//! Deviation: rays start a little inside the body, those that meet it again make no pair, and pairs must last over several
+//! frames; all are settings.
 
 use glam::DVec3;
 use habitus_geometry::{SurfaceIndex, Topology, TriangleMesh, vertex_normals};
@@ -11,32 +12,50 @@ use super::config::{AssociationConfig, BlockedRays};
 /// Rays per parallel piece.
 const RAY_CHUNK: usize = 256;
 
-/// A clothing vertex, the body vertex that it lies over, and how far out.
+/// A clothing vertex and the body vertex that it lies over.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SparsePair {
     pub clothing: u32,
     pub body: u32,
-    pub distance: f64,
 }
 
-/// The pair that each clothing vertex has found so far, over one or several frames.
+/// The pairs that each clothing vertex has found so far, over one or several frames.
 pub(super) struct SparsePairs {
-    best: Vec<Option<SparsePair>>,
+    found: Vec<Vec<SparsePair>>,
 }
 
 impl SparsePairs {
     /// No pairs yet.
     pub fn new(clothing_vertex_count: usize) -> Self {
-        Self { best: vec![None; clothing_vertex_count] }
+        Self { found: vec![Vec::new(); clothing_vertex_count] }
     }
 
-    /// The pairs in the order of the clothing vertices.
-    pub fn pairs(&self) -> Vec<SparsePair> {
-        self.best.iter().flatten().copied().collect()
+    /// One pair for each clothing vertex, in their order: the one that stays nearest in all `frames`, each a posed body and
+    /// its clothing, and of equally near ones the lowest. The paper keeps one and does not say which.
+    ///
+    /// Cloth hangs on what it stays with. A sleeve that touches the trunk in one frame, or trousers that a hand grazes, part
+    /// from it in another; pairs that come apart farther than `largest_parting` metres are none.
+    pub fn lasting(
+        &self,
+        frames: &[(&TriangleMesh, &TriangleMesh)],
+        largest_parting: f64,
+    ) -> Vec<SparsePair> {
+        let parting = |pair: &SparsePair| {
+            let apart = frames.iter().map(|(body, clothing)| {
+                let (body, clothing) = (body.positions(), clothing.positions());
+                body[pair.body as usize].distance(clothing[pair.clothing as usize])
+            });
+            apart.fold(0.0, f64::max)
+        };
+        let best = |pairs: &Vec<SparsePair>| {
+            let near = pairs.iter().map(|pair| (parting(pair), pair));
+            let near = near.filter(|(apart, _)| *apart <= largest_parting);
+            near.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.body.cmp(&b.1.body))).map(|(_, pair)| *pair)
+        };
+        self.found.par_iter().filter_map(best).collect()
     }
 
-    /// Shoots a ray from each body vertex of one frame. Of several body vertices that find the same clothing vertex, the
-    /// nearest keeps it, and of equally near ones the lowest; the paper keeps one and does not say which.
+    /// Shoots a ray from each body vertex of one frame.
     pub fn add_frame(
         &mut self,
         body: &TriangleMesh,
@@ -62,13 +81,13 @@ impl SparsePairs {
                 }
                 let point = start + normal * hit.distance;
                 let clothing = nearest_vertex(clothing, topology, hit.face, point);
-                Some(SparsePair { clothing, body: vertex as u32, distance: distance.abs() })
+                Some(SparsePair { clothing, body: vertex as u32 })
             })
             .collect();
         for pair in found.into_iter().flatten() {
-            let best = &mut self.best[pair.clothing as usize];
-            if best.is_none_or(|best| pair.distance < best.distance) {
-                *best = Some(pair);
+            let pairs = &mut self.found[pair.clothing as usize];
+            if pairs.iter().all(|known| known.body != pair.body) {
+                pairs.push(pair);
             }
         }
     }
@@ -103,5 +122,32 @@ fn nearest_vertex(mesh: &TriangleMesh, topology: &Topology, face: u32, point: DV
             return vertex;
         }
         vertex = next;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cloth_hangs_on_what_it_stays_with() {
+        let mesh = |places: [f64; 3]| {
+            let positions = places.iter().zip([0.0, 0.0, 1.0]).map(|(x, z)| DVec3::new(*x, 0.0, z)).collect();
+            TriangleMesh::new(positions, vec![[0, 1, 2]]).unwrap()
+        };
+        // Body vertex 1 grazes the cloth at 0 in the first frame and is far away in the second.
+        let bodies = [mesh([0.1, 0.02, 0.0]), mesh([0.11, 0.5, 0.0])];
+        let clothing = mesh([0.0, 1.0, 0.0]);
+        let frames: Vec<_> = bodies.iter().map(|body| (body, &clothing)).collect();
+        let mut pairs = SparsePairs::new(3);
+        pairs.found[0] = vec![SparsePair { clothing: 0, body: 1 }, SparsePair { clothing: 0, body: 0 }];
+        assert_eq!(pairs.lasting(&frames, 0.3), [SparsePair { clothing: 0, body: 0 }]);
+        assert_eq!(
+            pairs.lasting(&frames[..1], 0.3),
+            [SparsePair { clothing: 0, body: 1 }],
+            "as P3: one frame"
+        );
+        pairs.found[0].pop();
+        assert!(pairs.lasting(&frames, 0.3).is_empty());
     }
 }
