@@ -29,8 +29,8 @@ Examples:
   habitus extract-clothing run --aligned -o run --set extract_clothing.association.body_vertices_per_clothing_vertex=9
 
 RUN of the fit is a folder made by: habitus fit-sequence. The clothing is the whole dressed surface,
-as offsets from the fitted body; the layer is written to RUN/4_extract_clothing/layer.npz, and beside
-it report.html, in which the dressed person plays.";
+as offsets from the fitted body; the layer is written to RUN/4_extract_clothing/layer.npz. Beside it
+report.html shows the dressed person in motion.";
 
 /// What hangs on what, for a person to look at.
 const PICTURE_FILE: &str = "association.png";

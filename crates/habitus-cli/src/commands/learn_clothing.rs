@@ -21,8 +21,8 @@ Examples:
   habitus learn-clothing fabrics/* -o model.npz --parameters fabrics/parameters.csv
   habitus learn-clothing run -o model.npz --recipe paper2018 --split block
 
-The errors that are printed are those of frames that were set aside. Beside the model stands a page of
-the same name (model.html), in which it plays.";
+The errors that are printed are those of frames that were set aside. Beside the model a page of the
+same name (model.html) shows it in motion.";
 
 /// Arguments of the verb.
 #[derive(Debug, Args)]

@@ -38,11 +38,11 @@ Examples:
   habitus synthesize run --identity coefficients.txt -o new
   habitus synthesize model.npz --interactive --motion walk.bvh --motion run
 
-Writes 6_synthesize/sequence.npz, dressed.glb, summary.json and report.html. A run with a layer, in place of a
-model, is replayed as it was captured, over another body.
+Writes 6_synthesize/sequence.npz, dressed.glb, summary.json and report.html. A run with a layer, in
+place of a model, is replayed as it was captured, over another body.
 
---interactive writes nothing: it serves a page with the dressed person playing and sliders for build,
-motion, fabric and size, to this machine alone (127.0.0.1). Open the address that it prints.";
+--interactive writes nothing: it serves a page with the dressed person in motion and sliders for
+build, motion, fabric and size, to this machine alone (127.0.0.1). Open the address that it prints.";
 
 /// Arguments of the verb.
 #[derive(Debug, Args)]
