@@ -18,7 +18,7 @@ use habitus::stages::learn_clothing::config::SettleConfig;
 use habitus::stages::learn_clothing::{LearnClothingConfig, learn_clothing};
 
 /// Fabric of each sequence, and how wide the tunic is: the narrow one reaches into the body.
-pub const SEQUENCES: [(&str, f64); 3] = [("denim", -0.012), ("silk-satin", 0.02), ("jersey", 0.045)];
+pub const SEQUENCES: [(&str, f64); 3] = [("denim", -0.05), ("silk-satin", 0.02), ("jersey", 0.045)];
 const FRAMES: usize = 16;
 
 /// Learns the model and writes it.

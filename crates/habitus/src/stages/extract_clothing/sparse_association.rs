@@ -55,7 +55,7 @@ impl SparsePairs {
         self.found.par_iter().filter_map(best).collect()
     }
 
-    /// Shoots a ray from each body vertex of one frame.
+    /// Shoots a ray from each body vertex of one frame; it makes a pair where it leaves through the clothing.
     pub fn add_frame(
         &mut self,
         body: &TriangleMesh,
@@ -73,6 +73,9 @@ impl SparsePairs {
                 let start = body.positions()[vertex] - normal * config.ray_start_inside;
                 let reach = config.ray_length + config.ray_start_inside;
                 let hit = clothing_index.ray_hit(start, normal, reach)?;
+                if !leaves_through(clothing, hit.face, normal) {
+                    return None;
+                }
                 let distance = hit.distance - config.ray_start_inside;
                 if config.blocked_rays == BlockedRays::Drop
                     && leaves_through_the_body(body, &body_index, vertex, normal, distance)
@@ -91,6 +94,13 @@ impl SparsePairs {
             }
         }
     }
+}
+
+/// Whether a ray comes through a face from inside. What is beneath clothes looks out of them; a palm that looks at the
+/// trousers beside it meets them from outside, and they do not hang on it.
+fn leaves_through(clothing: &TriangleMesh, face: u32, direction: DVec3) -> bool {
+    let [a, b, c] = clothing.faces()[face as usize].map(|vertex| clothing.positions()[vertex as usize]);
+    (b - a).cross(c - a).dot(direction) > 0.0
 }
 
 /// Whether the body itself lies between a body vertex and a point `distance` in front of it.
@@ -128,6 +138,14 @@ fn nearest_vertex(mesh: &TriangleMesh, topology: &Topology, face: u32, point: DV
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_palm_beside_trousers_does_not_carry_them() {
+        let cloth = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
+        let cloth = TriangleMesh::new(cloth, vec![[0, 1, 2]]).unwrap();
+        assert!(leaves_through(&cloth, 0, DVec3::Z), "skin beneath looks out");
+        assert!(!leaves_through(&cloth, 0, DVec3::NEG_Z), "skin outside looks in");
+    }
 
     #[test]
     fn cloth_hangs_on_what_it_stays_with() {
