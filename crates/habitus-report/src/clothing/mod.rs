@@ -212,7 +212,9 @@ mod tests {
         metrics.block_start = 2;
         let hems = HemResponse {
             values: vec![0.9, 1.3],
-            lengths_mm: [("thigh".to_owned(), vec![400.0, 520.0])].into(),
+            lengths_mm: [("thigh", vec![400.0, 520.0]), ("pelvis", vec![900.0, 900.0])]
+                .map(|(border, lengths)| (border.to_owned(), lengths))
+                .into(),
         };
         metrics.hem_response.insert("width".into(), hems);
         let triangle = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
