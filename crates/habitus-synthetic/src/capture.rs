@@ -4,13 +4,13 @@
 //! With silhouettes alone (no depth) the result is the visual hull that P2 §6.1 captures with 68 cameras.
 
 use glam::{DMat3, DVec3};
+use habitus::statistics::RandomStream;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::carve::{BrickSet, carve};
 use crate::depth_map::Camera;
 use crate::isosurface::{ScalarGrid, Triangles};
-use crate::random::Random;
 use crate::view::View;
 
 /// What each virtual camera measures.
@@ -82,7 +82,7 @@ pub fn capture(subjects: &[Subject<'_>], settings: &CaptureSettings, seed: u64, 
     let mut subjects = subjects.to_vec();
     subjects.sort_by_key(|subject| subject.substance == Substance::Sheet);
     let subjects = subjects.as_slice();
-    let mut random = Random::named(seed, name);
+    let mut random = RandomStream::named(seed, name);
     let positions = || subjects.iter().flat_map(|subject| subject.positions.iter().copied());
     let (low, high) = bounds(positions());
     let heading = random.between(0.0, std::f64::consts::TAU);

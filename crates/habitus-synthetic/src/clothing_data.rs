@@ -16,6 +16,7 @@ use habitus::body::BodyModel;
 use habitus::geometry::io::write_mesh;
 use habitus::geometry::{SurfaceIndex, TriangleMesh};
 use habitus::pipeline::{CaptureOrigin, InputKey, RunFolder, StageName, file_names};
+use habitus::statistics::RandomStream;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -24,7 +25,7 @@ use crate::cloth::ArmContact;
 use crate::error::SyntheticError;
 use crate::garment::{Garment, Outfit, tailor};
 use crate::motion::Motion;
-use crate::random::Random;
+
 use crate::refit::{GarmentSize, refit};
 use crate::rest_body::RestBody;
 use crate::sequence::{DressedSequenceSettings, Performance, Scene};
@@ -115,7 +116,7 @@ pub fn plan(
 ) -> Result<Vec<ClothingSequence>, SyntheticError> {
     let settings = base_settings(size, seed, motion_files.first());
     let person = |name: &str| -> Vec<f64> {
-        let mut random = Random::named(seed, name);
+        let mut random = RandomStream::named(seed, name);
         let count = SUBJECT_COMPONENTS.min(model.component_count());
         (0..count).map(|_| random.between(-SUBJECT_DEVIATION, SUBJECT_DEVIATION)).collect()
     };

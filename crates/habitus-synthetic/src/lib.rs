@@ -20,7 +20,6 @@ mod error;
 pub mod garment;
 pub mod isosurface;
 pub mod motion;
-mod random;
 pub mod raw_scan;
 pub mod refit;
 pub mod remesh;

@@ -2,10 +2,10 @@
 
 use glam::{DMat3, DQuat, DVec3};
 use habitus::geometry::{SurfaceIndex, TriangleMesh};
+use habitus::statistics::RandomStream;
 use rayon::prelude::*;
 
 use crate::isosurface::ScalarGrid;
-use crate::random::Random;
 
 /// Around each face this many grid steps are sampled.
 const BAND: f64 = 1.5;
@@ -17,7 +17,7 @@ const REACH: f64 = 1.0;
 /// vertices lie on the surface exactly; nothing of the vertices, their order or the edges is kept. `None` where nothing of
 /// the surface is left on the grid.
 pub fn remeshed(mesh: &TriangleMesh, spacing: f64, seed: u64) -> Option<TriangleMesh> {
-    let mut random = Random::named(seed, "remesh");
+    let mut random = RandomStream::named(seed, "remesh");
     let mut signed = || random.between(-1.0, 1.0);
     let turn = DQuat::from_xyzw(signed(), signed(), signed(), signed()).normalize();
     let shift = DVec3::new(signed(), signed(), signed()) * spacing;

@@ -10,6 +10,7 @@ use habitus::artifacts::motion_files::read_joint_motion;
 use habitus::body::{BodyModel, Pose};
 use habitus::fitting::retarget::{RetargetBody, RetargetSettings, retarget};
 use habitus::geometry::{Surface, TriangleMesh};
+use habitus::statistics::RandomStream;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -19,7 +20,6 @@ use crate::cloth::{ArmContact, BodyInterval, Cloth, ClothSettings, Weave};
 use crate::error::SyntheticError;
 use crate::garment::{Drive, Garment, GarmentSettings, Outfit, tailor, warp_directions};
 use crate::motion::Motion;
-use crate::random::Random;
 use crate::rest_body::{Bone, RestBody};
 use crate::second_skin::follow_skin;
 use crate::source_bodies::source_body;
@@ -353,7 +353,7 @@ fn choreograph<'a>(
     settings: &DressedSequenceSettings,
 ) -> Result<Animation<'a>, SyntheticError> {
     let Some(path) = &settings.motion_file else {
-        let phase = Random::named(settings.seed, "phase of the motion").unit();
+        let phase = RandomStream::named(settings.seed, "phase of the motion").unit();
         return Ok(Animation::new(model, body, settings.motion, phase));
     };
     let clip = clip_for(model, body.positions(), path, &settings.retarget)?;

@@ -2,13 +2,13 @@
 
 use glam::DVec3;
 use habitus::body::{BodyModel, PartLabel};
+use habitus::statistics::RandomStream;
 use serde::{Deserialize, Serialize};
 
 use super::landmarks::place_landmarks;
 use super::{LandmarkTable, PlacedLandmark, Population, RawScanSettings, StandingPerson, standing_person};
 use crate::depth_map::{Camera, DepthMap, NO_FACE};
 use crate::error::SyntheticError;
-use crate::random::Random;
 
 /// How the two images are taken.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -121,7 +121,7 @@ pub fn make_depth_pair(
     let view = |occasion: &str, turn: f64| {
         let mut facing = settings.clone();
         // People do not turn around exactly.
-        let mut random = Random::named(settings.seed, &format!("{name} shows the {occasion}"));
+        let mut random = RandomStream::named(settings.seed, &format!("{name} shows the {occasion}"));
         facing.stance.heading_deg = 0.0;
         let mut person = standing_person(model, population, &facing, name, occasion);
         let turn = turn + (random.normal() * 6.0).to_radians();
@@ -138,7 +138,7 @@ fn look_at(
     table: &LandmarkTable,
     settings: &RawScanSettings,
     cameras: &DepthPairSettings,
-    mut random: Random,
+    mut random: RandomStream,
 ) -> DepthView {
     // The camera is the origin.
     let eye = DVec3::new(0.0, cameras.camera_height, cameras.camera_distance);
@@ -166,7 +166,7 @@ fn look_at(
     DepthView { image, person, landmarks }
 }
 
-fn depth_image(map: &DepthMap, cameras: &DepthPairSettings, random: &mut Random) -> DepthImage {
+fn depth_image(map: &DepthMap, cameras: &DepthPairSettings, random: &mut RandomStream) -> DepthImage {
     let camera = &map.camera;
     let smallest_cosine = cameras.grazing_deg.to_radians().cos() as f32;
     let depths = (0..map.face.len())

@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 use habitus::body::BodyModel;
+use habitus::statistics::RandomStream;
 
 use super::RawScanSettings;
 use crate::isosurface::Triangles;
-use crate::random::Random;
 
 /// Named vertices of the usual holes.
 const USUAL_HOLES: [&str; 6] =
@@ -23,7 +23,7 @@ pub(super) fn add_faults(
     model: &BodyModel,
     vertices: &[DVec3],
     settings: &RawScanSettings,
-    random: &mut Random,
+    random: &mut RandomStream,
 ) -> Triangles {
     let mut holes = Vec::new();
     for name in USUAL_HOLES {
@@ -58,7 +58,7 @@ fn add_crumb(
     positions: &mut Vec<DVec3>,
     faces: &mut Vec<[u32; 3]>,
     [low, high]: [DVec3; 2],
-    random: &mut Random,
+    random: &mut RandomStream,
 ) {
     let share = DVec3::new(random.unit(), random.unit(), random.unit());
     let centre = low + (high - low) * share;

@@ -42,7 +42,7 @@ struct Manifest<'a> {
     subjects: &'a [String],
 }
 
-/// Makes raw scans of these people, in parallel; `progress` hears how many are done.
+/// Makes raw scans of these people, in parallel; `progress` hears of each that is done.
 pub fn write_raw_scans(
     model: &BodyModel,
     settings: &RawScanSettings,
@@ -50,27 +50,19 @@ pub fn write_raw_scans(
     folder: &Path,
     progress: &(dyn Fn() + Sync),
 ) -> Result<(), SyntheticError> {
-    settings.check()?;
-    let population = Population::new(model)?;
-    let table = LandmarkTable::of(model);
-    for part in ["scans", "landmarks", "truth"] {
-        make_folder(&folder.join(part))?;
-    }
-    write_template(model, &table, folder)?;
+    let lab = Lab::open(model, settings, folder, "scans")?;
     names.par_iter().try_for_each(|name| {
-        let scan = make_raw_scan(model, &population, &table, settings, name)?;
+        let scan = make_raw_scan(model, &lab.population, &lab.table, settings, name)?;
         write(&folder.join("scans").join(format!("{name}.ply")), &scan.mesh)?;
-        write_landmarks(&folder.join("landmarks").join(format!("{name}.csv")), &scan.landmarks)?;
-        let truth = folder.join("truth");
-        write_body(model, &truth.join(format!("{name}.ply")), &scan.person.vertices)?;
-        write_body(model, &truth.join(format!("{name}_rest.ply")), &scan.person.rest_vertices)?;
+        lab.write_truth(name, &scan.person.vertices, &scan.landmarks)?;
+        lab.write_rest(name, &scan.person.rest_vertices)?;
         progress();
         Ok::<(), SyntheticError>(())
     })?;
     write_json(&folder.join(MANIFEST), &Manifest { settings, cameras: None, subjects: names })
 }
 
-/// Makes front and back depth images of these people, in parallel.
+/// Makes front and back depth images of these people, in parallel; `progress` hears of each that is done.
 pub fn write_depth_pairs(
     model: &BodyModel,
     settings: &RawScanSettings,
@@ -79,31 +71,63 @@ pub fn write_depth_pairs(
     folder: &Path,
     progress: &(dyn Fn() + Sync),
 ) -> Result<(), SyntheticError> {
-    settings.check()?;
-    let population = Population::new(model)?;
-    let table = LandmarkTable::of(model);
-    for part in ["pairs", "landmarks", "truth"] {
-        make_folder(&folder.join(part))?;
-    }
-    write_template(model, &table, folder)?;
+    let lab = Lab::open(model, settings, folder, "pairs")?;
     names.par_iter().try_for_each(|name| {
-        let pair = make_depth_pair(model, &population, &table, settings, cameras, name)?;
+        let pair = make_depth_pair(model, &lab.population, &lab.table, settings, cameras, name)?;
         let own = folder.join("pairs").join(name);
         make_folder(&own)?;
         for (side, view) in [("front", &pair.front), ("back", &pair.back)] {
             write_depth_view(&own, side, view)?;
-            let marked = folder.join("landmarks").join(format!("{name}_{side}.csv"));
-            write_landmarks(&marked, &view.landmarks)?;
-            let truth = folder.join("truth").join(format!("{name}_{side}.ply"));
-            write_body(model, &truth, &view.person.vertices)?;
+            lab.write_truth(&format!("{name}_{side}"), &view.person.vertices, &view.landmarks)?;
         }
         write_json(&own.join("intrinsics.json"), &pair.front.image.intrinsics)?;
-        let rest = folder.join("truth").join(format!("{name}_rest.ply"));
-        write_body(model, &rest, &pair.front.person.rest_vertices)?;
+        lab.write_rest(name, &pair.front.person.rest_vertices)?;
         progress();
         Ok::<(), SyntheticError>(())
     })?;
     write_json(&folder.join(MANIFEST), &Manifest { settings, cameras: Some(cameras), subjects: names })
+}
+
+/// A folder of captures with what they are made from.
+struct Lab<'a> {
+    model: &'a BodyModel,
+    folder: &'a Path,
+    population: Population,
+    table: LandmarkTable,
+}
+
+impl<'a> Lab<'a> {
+    /// Checks the settings, makes the folders and writes the template.
+    fn open(
+        model: &'a BodyModel,
+        settings: &RawScanSettings,
+        folder: &'a Path,
+        captures: &str,
+    ) -> Result<Self, SyntheticError> {
+        settings.check()?;
+        let (population, table) = (Population::new(model)?, LandmarkTable::of(model));
+        for part in [captures, "landmarks", "truth"] {
+            make_folder(&folder.join(part))?;
+        }
+        write_template(model, &table, folder)?;
+        Ok(Self { model, folder, population, table })
+    }
+
+    /// A captured body as it truly stood, and its landmarks.
+    fn write_truth(
+        &self,
+        name: &str,
+        vertices: &[DVec3],
+        landmarks: &[PlacedLandmark],
+    ) -> Result<(), SyntheticError> {
+        write_landmarks(&self.folder.join("landmarks").join(format!("{name}.csv")), landmarks)?;
+        write_body(self.model, &self.folder.join("truth").join(format!("{name}.ply")), vertices)
+    }
+
+    /// A person's true body at rest.
+    fn write_rest(&self, name: &str, vertices: &[DVec3]) -> Result<(), SyntheticError> {
+        write_body(self.model, &self.folder.join("truth").join(format!("{name}_rest.ply")), vertices)
+    }
 }
 
 fn write_template(model: &BodyModel, table: &LandmarkTable, folder: &Path) -> Result<(), SyntheticError> {

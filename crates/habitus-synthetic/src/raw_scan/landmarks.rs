@@ -3,9 +3,9 @@
 use glam::DVec3;
 use habitus::body::{BodyModel, PartLabel};
 use habitus::geometry::{SurfaceIndex, TriangleMesh};
+use habitus::statistics::RandomStream;
 
 use super::RawScanSettings;
-use crate::random::Random;
 
 /// P1 §3.1: 64 landmarks.
 const LANDMARK_COUNT: usize = 64;
@@ -66,7 +66,7 @@ pub(super) fn place_landmarks(
     vertices: &[DVec3],
     table: &LandmarkTable,
     settings: &RawScanSettings,
-    random: &mut Random,
+    random: &mut RandomStream,
 ) -> Vec<PlacedLandmark> {
     let index = TriangleMesh::new(vertices.to_vec(), model.faces().to_vec())
         .ok()

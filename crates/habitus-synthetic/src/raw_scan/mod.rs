@@ -17,10 +17,10 @@ mod stance;
 use glam::DVec3;
 use habitus::body::{BodyModel, Pose};
 use habitus::geometry::TriangleMesh;
+use habitus::statistics::RandomStream;
 use serde::{Deserialize, Serialize};
 
 use crate::error::SyntheticError;
-use crate::random::Random;
 
 pub use depth_pair::{DepthImage, DepthPair, DepthPairSettings, DepthView, Intrinsics, make_depth_pair};
 pub use files::{TEMPLATE_FILE, TEMPLATE_LANDMARKS_FILE, subject_names, write_depth_pairs, write_raw_scans};
@@ -139,7 +139,7 @@ pub fn standing_person(
     occasion: &str,
 ) -> StandingPerson {
     let rest_vertices = population.person(model, &settings.people, settings.seed, name);
-    let mut random = Random::named(settings.seed, &format!("{name} stands {occasion}"));
+    let mut random = RandomStream::named(settings.seed, &format!("{name} stands {occasion}"));
     let pose = standing_pose(model, &rest_vertices, &settings.stance, &mut random);
     let joints = model.joints(&rest_vertices);
     let vertices = model.pose_vertices(&rest_vertices, &model.skeleton().pose(&joints, pose.parameters()));
@@ -156,11 +156,11 @@ pub fn make_raw_scan(
 ) -> Result<RawScan, SyntheticError> {
     settings.check()?;
     let person = standing_person(model, population, settings, name, "for the scanner");
-    let mut random = Random::named(settings.seed, &format!("{name} is scanned"));
+    let mut random = RandomStream::named(settings.seed, &format!("{name} is scanned"));
     let scanned = scan_body(&person.vertices, model.faces(), settings, &mut random);
     let (positions, faces) = add_faults(scanned, model, &person.vertices, settings, &mut random);
     let mesh = TriangleMesh::new(positions, faces)?;
-    let mut random = Random::named(settings.seed, &format!("{name} is marked"));
+    let mut random = RandomStream::named(settings.seed, &format!("{name} is marked"));
     let landmarks = place_landmarks(model, &person.vertices, table, settings, &mut random);
     Ok(RawScan { person, mesh, landmarks })
 }

@@ -2,10 +2,11 @@
 
 use glam::DVec3;
 use habitus::body::BodyModel;
+use habitus::statistics::RandomStream;
 use serde::{Deserialize, Serialize};
 
 use crate::error::SyntheticError;
-use crate::random::Random;
+
 use crate::source_bodies::{source_body, source_body_names};
 
 /// How the people of a [`Population`] are mixed.
@@ -69,10 +70,9 @@ impl Population {
 
     /// Rest vertices of the person of this name in the template's topology, metres.
     pub fn person(&self, model: &BodyModel, settings: &PeopleSettings, seed: u64, name: &str) -> Vec<DVec3> {
-        let mut random = Random::named(seed, &format!("{name} is born"));
+        let mut random = RandomStream::named(seed, &format!("{name} is born"));
         let count = self.coefficients.len();
-        let pick = |random: &mut Random| ((random.unit() * count as f64) as usize).min(count - 1);
-        let (first, second) = (pick(&mut random), pick(&mut random));
+        let (first, second) = (random.below(count), random.below(count));
         let own_share = (1.0 - settings.source_share * settings.source_share).max(0.0).sqrt();
         let coefficients: Vec<f64> = self.coefficients[first]
             .iter()
@@ -114,7 +114,12 @@ pub(super) fn project(model: &BodyModel, body: &[DVec3]) -> Vec<f64> {
 }
 
 /// Swells or dents the surface about random vertices.
-fn add_bumps(vertices: &mut [DVec3], faces: &[[u32; 3]], settings: &PeopleSettings, random: &mut Random) {
+fn add_bumps(
+    vertices: &mut [DVec3],
+    faces: &[[u32; 3]],
+    settings: &PeopleSettings,
+    random: &mut RandomStream,
+) {
     let normals = habitus::geometry::vertex_normals(vertices, faces);
     let rest = vertices.to_vec();
     for _ in 0..settings.bump_count {

@@ -3,12 +3,12 @@
 //! What no head sees (armpits, crotch, soles, between the fingers) is missing, as in real scans.
 
 use glam::{DVec3, Vec3};
+use habitus::statistics::RandomStream;
 use rayon::prelude::*;
 
 use super::RawScanSettings;
 use crate::depth_map::{Camera, DepthMap, NO_FACE};
 use crate::isosurface::Triangles;
-use crate::random::Random;
 
 /// Columns of heads around the subject.
 const COLUMNS: usize = 4;
@@ -42,7 +42,7 @@ pub(super) fn scan_body(
     vertices: &[DVec3],
     faces: &[[u32; 3]],
     settings: &RawScanSettings,
-    random: &mut Random,
+    random: &mut RandomStream,
 ) -> Triangles {
     let turn = random.between(0.0, std::f64::consts::TAU);
     let misalignment = settings.head_misalignment_mm / 1000.0;
@@ -158,7 +158,7 @@ fn append_grid(
     head: &Head,
     points: &[Option<Measured>],
     noise: f64,
-    random: &mut Random,
+    random: &mut RandomStream,
     merged: &mut Triangles,
 ) {
     let camera = &head.map.camera;

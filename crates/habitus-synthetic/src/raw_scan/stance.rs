@@ -2,11 +2,11 @@
 
 use glam::{DQuat, DVec3};
 use habitus::body::{BodyModel, Pose};
+use habitus::statistics::RandomStream;
 use serde::{Deserialize, Serialize};
 
 use crate::animate::posed_by_angles;
 use crate::motion::{ArmAngles, LegAngles, Stance};
-use crate::random::Random;
 
 /// Standard deviations about the A-pose, degrees; each limb varies on its own.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -50,7 +50,7 @@ pub(super) fn standing_pose(
     model: &BodyModel,
     rest_vertices: &[DVec3],
     settings: &StanceSettings,
-    random: &mut Random,
+    random: &mut RandomStream,
 ) -> Pose {
     let degrees = |value: f64| value.to_radians();
     let abduction = random.between(settings.arm_abduction_deg[0], settings.arm_abduction_deg[1]);

@@ -30,6 +30,11 @@ impl RandomStream {
         (self.next() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
+    /// Uniform in [low, high).
+    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+
     /// A whole number below `limit`, which must not be zero.
     pub fn below(&mut self, limit: usize) -> usize {
         ((self.unit() * limit as f64) as usize).min(limit - 1)
@@ -66,6 +71,13 @@ mod tests {
         let variance = draws.iter().map(|draw| (draw - mean).powi(2)).sum::<f64>() / draws.len() as f64;
         // Four standard errors of the mean (1/200) and of the variance (√2/200).
         assert!(mean.abs() < 0.02 && (variance - 1.0).abs() < 0.03, "{mean} {variance}");
+    }
+
+    #[test]
+    fn streams_with_different_names_or_seeds_differ() {
+        let first = |seed, name| RandomStream::named(seed, name).next();
+        assert_ne!(first(7, "frame 1"), first(7, "frame 2"));
+        assert_ne!(first(7, "frame 1"), first(8, "frame 1"));
     }
 
     #[test]
