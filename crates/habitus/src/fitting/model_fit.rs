@@ -75,7 +75,7 @@ pub struct LocalShapeConfig {
 
 impl Default for LocalShapeConfig {
     fn default() -> Self {
-        Self { centres: 60, radius_mm: 150.0, amplitude_mm: 5.0 }
+        Self { centres: 150, radius_mm: 90.0, amplitude_mm: 5.0 }
     }
 }
 
