@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::bail;
 use clap::Args;
+use habitus::artifacts::template_mesh::read_landmark_vertices;
 use habitus::pipeline::{Bootstrap, BootstrapInput, RoundSummary, RunFolder, list_scans};
 
 use crate::Outcome;
@@ -45,6 +46,9 @@ pub struct BootstrapArguments {
     /// Body model that the first round starts from [default: the one inside the program]
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
+    /// Table landmark,vertex of the template [default: the model's own landmarks]
+    #[arg(long, value_name = "FILE")]
+    pub template_landmarks: Option<PathBuf>,
     /// Registrations that nobody has decided about pass with a smaller score [default: 1]
     #[arg(long, value_name = "SCORE")]
     pub accept_below: Option<f64>,
@@ -71,10 +75,13 @@ pub fn run(arguments: &BootstrapArguments, console: &Console) -> anyhow::Result<
     // Wrong inputs must not leave a run folder behind.
     let scans = list_scans(&arguments.scans, arguments.landmarks.as_deref())?;
     let model = load_model(arguments.model.as_deref())?;
+    let read = |path: &PathBuf| read_landmark_vertices(path, model.vertex_count());
+    let landmarks = arguments.template_landmarks.as_ref().map(read).transpose()?;
     let run = RunFolder::open(&arguments.output)?;
     let input = BootstrapInput {
         scans: &scans,
         model: &model,
+        landmarks: landmarks.as_deref(),
         register: &settings.register,
         learn_shape: &settings.learn_shape,
         review: &settings.review,

@@ -24,10 +24,11 @@ use crate::artifacts::provenance::{ModelOrigin, Provenance, ProvenanceError};
 use crate::artifacts::registered_scan::{RegisteredScan, RegistrationFileError};
 use crate::artifacts::review_decisions::{DecisionsError, ReviewDecisions};
 use crate::artifacts::write_atomically;
-use crate::body::{BodyModel, ModelFileError, SpaceOrigin};
+use crate::body::{BodyModel, IdentityCoefficients, ModelFileError, SpaceOrigin};
 use crate::evaluation::registration_ranking::{RankedRegistration, RankingConfig};
 use crate::stages::learn_shape::{LearnShapeConfig, LearnShapeError, Registration, learn_shape};
 use crate::stages::register::{RegisterConfig, Template};
+use crate::statistics::RandomStream;
 
 use acceptance::Acceptance;
 pub use round_summary::{CurvePoint, RejectedScan, RoundSummary};
@@ -42,11 +43,14 @@ pub struct BootstrapConfig {
     pub accept_below: f64,
     /// A space is learnt from at least this many registrations.
     pub fewest_accepted: usize,
+    /// Where fewer registrations passed, random bodies of the model that the first round started from fill up to this many
+    /// samples: a handful of registrations would teach less than that model knows. P1 has none; zero for none.
+    pub filled_up_to: usize,
 }
 
 impl Default for BootstrapConfig {
     fn default() -> Self {
-        Self { rounds: 5, accept_below: 1.0, fewest_accepted: 10 }
+        Self { rounds: 5, accept_below: 1.0, fewest_accepted: 10, filled_up_to: 60 }
     }
 }
 
@@ -116,6 +120,8 @@ pub struct BootstrapInput<'a> {
     pub scans: &'a [ScanInput],
     /// The model that the first round starts from; its topology and rig are those of every round.
     pub model: &'a BodyModel,
+    /// Names and vertices of landmarks of the template, instead of the model's own.
+    pub landmarks: Option<&'a [(String, u32)]>,
     /// Settings of the registrations.
     pub register: &'a RegisterConfig,
     /// Settings of the spaces.
@@ -226,8 +232,9 @@ impl<'a> Bootstrap<'a> {
         clock: &(dyn Fn() -> f64 + Sync),
         observer: &mut dyn Observer,
     ) -> Result<Vec<String>, BootstrapError> {
-        let stage =
-            RegisterRun::prepare(folder, Template::Model(&self.model), &[], None, self.input.register)?;
+        let landmarks = self.input.landmarks.map(<[_]>::to_vec);
+        let template = Template::Model(&self.model);
+        let stage = RegisterRun::prepare(folder, template, &[], landmarks, self.input.register)?;
         let mut summaries: Vec<ScanSummary> = Vec::with_capacity(self.input.scans.len());
         for scans in self.input.scans.chunks(SCANS_A_STEP.max(rayon::current_num_threads())) {
             summaries.extend(stage.run(scans, false, clock, &|_| {}));
@@ -289,14 +296,18 @@ impl<'a> Bootstrap<'a> {
         }
         stage.mark_unfinished()?;
         let registrations = folder.stage(StageName::Register)?;
-        let samples = read_registrations(&registrations, &acceptance.accepted)?;
+        let mut samples = read_registrations(&registrations, &acceptance.accepted)?;
+        let passed = samples.len();
+        let missing = self.input.config.filled_up_to.saturating_sub(passed);
+        samples.extend(draws_of_start(self.input.model, &registrations, &acceptance.accepted, missing)?);
         let origin = SpaceOrigin {
             name: format!("{} of round {round}", self.input.model.metadata().name),
             license: "that of the scans it was learnt from".into(),
             provenance: serde_json::json!({
                 "verb": "bootstrap",
                 "round": round,
-                "registrations": samples.len(),
+                "registrations": passed,
+                "draws_of_start": missing,
                 "started_from": self.input.model.metadata().name,
             }),
         };
@@ -318,6 +329,10 @@ impl<'a> Bootstrap<'a> {
     ) -> Result<String, BootstrapError> {
         let settings = Provenance::new("bootstrap", self.input.learn_shape, 0)?;
         let mut key = InputKey::new();
+        let filled_up_to = self.input.config.filled_up_to;
+        if filled_up_to > acceptance.accepted.len() {
+            key.add_text(&format!("{filled_up_to} {}", ModelOrigin::of(self.input.model).fingerprint));
+        }
         key.add_text(&toml::to_string(&settings).map_err(ProvenanceError::from)?);
         key.add_text(&ModelOrigin::of(&self.model).fingerprint);
         for name in &acceptance.accepted {
@@ -329,6 +344,12 @@ impl<'a> Bootstrap<'a> {
     }
 }
 
+/// Names of the scans whose registrations a round learnt from, in order; none of a round that has not got so far.
+pub(super) fn accepted_of_round(folder: &Path) -> Vec<String> {
+    let text = std::fs::read_to_string(folder.join(file_names::ACCEPTED)).unwrap_or_default();
+    serde_json::from_str::<Acceptance>(&text).map(|acceptance| acceptance.accepted).unwrap_or_default()
+}
+
 /// Vertices of registrations in metres.
 fn read_registrations(stage: &StageFolder, names: &[String]) -> Result<Vec<Registration>, BootstrapError> {
     let read = |name: &String| {
@@ -338,6 +359,32 @@ fn read_registrations(stage: &StageFolder, names: &[String]) -> Result<Vec<Regis
         Ok(Registration { name: name.clone(), vertices })
     };
     names.par_iter().map(read).collect()
+}
+
+/// Random bodies of the model that bootstrapping started from, standing as the registrations do.
+fn draws_of_start(
+    model: &BodyModel,
+    stage: &StageFolder,
+    names: &[String],
+    count: usize,
+) -> Result<Vec<Registration>, BootstrapError> {
+    let mut draws = Vec::with_capacity(count);
+    for (number, name) in names.iter().cycle().take(count).enumerate() {
+        let mut stream = RandomStream::named(0, &format!("draw {number} of the start"));
+        let limit = IdentityCoefficients::LIMIT;
+        let identity: Vec<f64> =
+            (0..model.component_count()).map(|_| stream.normal().clamp(-limit, limit)).collect();
+        let rest = model.rest_vertices(&identity);
+        let vertices = match RegisteredScan::read(stage.path(), name)?.record.fitted_model {
+            Some(fitted) => {
+                let joints = model.surface().rest_joints(&identity);
+                model.pose_vertices(&rest, &model.skeleton().pose(&joints, &fitted.pose))
+            }
+            None => rest,
+        };
+        draws.push(Registration { name: format!("draw {number}"), vertices });
+    }
+    Ok(draws)
 }
 
 /// Writes a summary; one that says the same but for its time stays, as nothing was done again.
