@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow, bail};
 use clap::Args;
+use habitus::evaluation::reconstruction_accuracy::ReconstructionAccuracySettings;
 use habitus::evaluation::registration_ranking::RankingConfig;
 use habitus::evaluation::shape_space_quality::ShapeSpaceQualitySettings;
 use habitus::pipeline::BootstrapConfig;
@@ -34,6 +35,8 @@ pub struct Settings {
     pub learn_shape: LearnShapeConfig,
     /// Section of `evaluate shape-space`.
     pub evaluate_shape_space: ShapeSpaceQualitySettings,
+    /// Section of `evaluate reconstructions`.
+    pub evaluate_reconstructions: ReconstructionAccuracySettings,
     /// Section of `learn-clothing`.
     pub learn_clothing: LearnClothingConfig,
     /// Section of `synthesize`.

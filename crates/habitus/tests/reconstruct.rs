@@ -84,6 +84,7 @@ fn two_depth_images_give_the_rest_body_within_twelve_millimetres() {
             .into();
         let found = reconstruct(&views, &model, &config, &mut Silent).expect("fits");
         let front_alone = reconstruct(&views[..1], &model, &config, &mut Silent).expect("fits");
+        assert_eq!(found.identity.len(), model.component_count(), "local shapes are no part of it");
         let (both, alone) = (rest_error_mm(&found, &rest), rest_error_mm(&front_alone, &rest));
         println!(
             "subject {subject}: both {both:.1} mm, front alone {alone:.1} mm, residual {:.1} mm",

@@ -13,6 +13,7 @@ use serde::Serialize;
 
 use crate::Outcome;
 use crate::commands::evaluate_clothing::ClothingArguments;
+use crate::commands::evaluate_reconstructions::ReconstructionsArguments;
 use crate::commands::evaluate_registrations::RegistrationsArguments;
 use crate::commands::evaluate_space::ShapeSpaceArguments;
 use crate::commands::generate::{sequence_truth, truth_of_frames};
@@ -39,6 +40,8 @@ pub enum Subject {
     Sequence(SequenceArguments),
     /// Compare registrations with the scans that were made by: habitus generate scans
     Registrations(RegistrationsArguments),
+    /// Compare reconstructions with the pairs that were made by: habitus generate depth-pairs
+    Reconstructions(ReconstructionsArguments),
     /// Measure how good a shape space is: compactness, generalization, specificity
     ShapeSpace(ShapeSpaceArguments),
     /// Measure how well clothes are learnt from layers: components, splits, baselines, penetration
@@ -68,6 +71,7 @@ pub fn run(arguments: &EvaluateArguments, console: &Console) -> anyhow::Result<O
     match &arguments.subject {
         Subject::Sequence(arguments) => evaluate_sequence(arguments, console),
         Subject::Registrations(arguments) => super::evaluate_registrations::run(arguments, console),
+        Subject::Reconstructions(arguments) => super::evaluate_reconstructions::run(arguments, console),
         Subject::ShapeSpace(arguments) => super::evaluate_space::run(arguments, console),
         Subject::Clothing(arguments) => super::evaluate_clothing::run(arguments, console),
     }

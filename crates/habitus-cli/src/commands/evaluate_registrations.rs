@@ -43,6 +43,8 @@ fn registrations_table(run: &Path, summary: &RegisterSummary, accuracy: &Registr
         ("scans registered", format!("{} of {}", accuracy.scans.len(), summary.scan_count)),
         ("vertex error, mean", format!("{:.2} mm", accuracy.vertex_mm.mean)),
         ("vertex error, p95", format!("{:.2} mm", accuracy.vertex_mm.p95)),
+        ("surface to true surface, mean", format!("{:.2} mm", accuracy.surface_mm.mean)),
+        ("surface to true surface, p95", format!("{:.2} mm", accuracy.surface_mm.p95)),
         (
             "worst scan, mean",
             worst.map_or_else(String::new, |scan| format!("{:.2} mm ({})", scan.vertex_mm.mean, scan.name)),
@@ -53,7 +55,7 @@ fn registrations_table(run: &Path, summary: &RegisterSummary, accuracy: &Registr
         ("no face folded", format!("{:.1} %", 100.0 * unfolded as f64 / accuracy.scans.len().max(1) as f64)),
         ("doubtful by code", summary.failed_scans.to_string()),
     ];
-    let rows = rows.into_iter().map(|(name, value)| format!("  {name:28} {value}"));
+    let rows = rows.into_iter().map(|(name, value)| format!("  {name:30} {value}"));
     format!("{}\n{}", run.display(), rows.collect::<Vec<_>>().join("\n"))
 }
 
@@ -67,7 +69,7 @@ pub fn run(arguments: &RegistrationsArguments, console: &Console) -> anyhow::Res
         for scan in summary.scans.iter().filter(|scan| scan.quality.is_some()) {
             let found = read_mesh(&mesh_file(&folder, &scan.name))?;
             let truth = read_mesh(&arguments.truth.join("truth").join(format!("{}.ply", scan.name)))?;
-            accuracy.add(&scan.name, found.positions(), truth.positions())?;
+            accuracy.add(&scan.name, found.positions(), &truth)?;
         }
         let accuracy = accuracy.finished();
         console.result(registrations_table(run, &summary, &accuracy));

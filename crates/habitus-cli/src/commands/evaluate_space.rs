@@ -9,9 +9,12 @@ use habitus::artifacts::write_atomically;
 use habitus::body::BodyModel;
 use habitus::evaluation::shape_space_quality::ShapeSpaceQuality;
 use habitus::pipeline::{
-    EvaluationScope, NamedQuality, ShapeSpaceMetrics, SubjectGroup, evaluate_shape_space,
+    EvaluationScope, NamedFitError, NamedQuality, ShapeSpaceMetrics, SubjectGroup, evaluate_run,
+    evaluate_shape_space,
 };
-use habitus_report::shape_space::{Figure, LineChart, Series, Table, figures_page, modes_figure};
+use habitus_report::shape_space::{
+    Figure, HeatMap, LineChart, Series, Table, figures_page, heat_map_figure, modes_figure,
+};
 
 use super::learn_shape::{BarObserver, read_folder};
 use crate::Outcome;
@@ -35,7 +38,7 @@ pub struct ShapeSpaceArguments {
     /// Model that was learnt with: habitus learn-shape
     #[arg(long, value_name = "MODEL")]
     pub model: PathBuf,
-    /// Folder of registrations, or run folder
+    /// Folder of registrations, or run folder: then also how far registrations are from their scans, and each round
     #[arg(long, value_name = "DIR")]
     pub registrations: PathBuf,
     /// Folder for numbers, figures and page
@@ -67,7 +70,11 @@ pub fn run(arguments: &ShapeSpaceArguments, console: &Console) -> anyhow::Result
         EvaluationScope::Space
     };
     let mut observer = BarObserver(StageBar::new(console));
-    let metrics = evaluate_shape_space(&folder.registrations, &model, &settings, scope, &mut observer);
+    let metrics = evaluate_shape_space(&folder.registrations, &model, &settings, scope, &mut observer)
+        .and_then(|mut metrics| {
+            evaluate_run(&arguments.registrations, &model, &settings, &mut metrics, &mut observer)?;
+            Ok(metrics)
+        });
     observer.0.clear();
     let metrics = metrics?;
     write_results(arguments, &model, &metrics)?;
@@ -96,6 +103,7 @@ fn write_results(
             .into(),
         svg: modes_figure(&rows, SHOWN_MODES)?,
     });
+    figures.extend(fit_error_figures(metrics, model)?);
     for figure in &figures {
         write(&folder.join(format!("{}.svg", figure.name)), &figure.svg)?;
     }
@@ -111,6 +119,50 @@ fn write_results(
 fn write(path: &Path, text: &str) -> anyhow::Result<()> {
     write_atomically(path, text.as_bytes()).with_context(|| format!("{}: cannot be written", path.display()))
 }
+
+/// P1 Fig. 1 and 2: share of vertices within a distance of the scan, and the mean at each vertex.
+fn fit_error_figures(metrics: &ShapeSpaceMetrics, model: &BodyModel) -> anyhow::Result<Vec<Figure>> {
+    let errors = &metrics.fit_errors;
+    if errors.is_empty() {
+        return Ok(Vec::new());
+    }
+    let curve = |named: &NamedFitError| {
+        let points = named.error.thresholds_mm.iter().zip(&named.error.share);
+        Series { name: named.name.clone(), points: points.map(|(x, share)| [*x, 100.0 * share]).collect() }
+    };
+    let chart = LineChart {
+        title: "Fit error".into(),
+        x_label: "distance to the nearest vertex of the scan, mm".into(),
+        y_label: "vertices within, %".into(),
+        series: errors.iter().map(curve).collect(),
+    };
+    // The first and the last, as P1 Fig. 2b.
+    let shown = if errors.len() > 1 { vec![&errors[0], &errors[errors.len() - 1]] } else { vec![&errors[0]] };
+    let maps: Vec<HeatMap<'_>> = shown
+        .into_iter()
+        .map(|named| HeatMap {
+            name: named.name.clone(),
+            vertices: model.mean_vertices(),
+            faces: model.faces(),
+            values_mm: &named.error.vertex_mean_mm,
+        })
+        .collect();
+    Ok(vec![
+        Figure {
+            name: "fit_error".into(),
+            caption: "Registered vertices within a distance of the nearest vertex of the scan, of those that have one within 50 mm and 60° (P1 Fig. 1a, 2a).".into(),
+            svg: chart.svg(),
+        },
+        Figure {
+            name: "fit_error_per_vertex".into(),
+            caption: "The same, averaged over all registrations at each vertex (P1 Fig. 1b, 2b); grey where the scans have holes.".into(),
+            svg: heat_map_figure(&maps, FIT_ERROR_RANGE_MM)?,
+        },
+    ])
+}
+
+/// End of the colour scale of the fit error, millimetres.
+const FIT_ERROR_RANGE_MM: f64 = 10.0;
 
 type Measure = fn(&ShapeSpaceQuality) -> &[f64];
 
@@ -201,5 +253,22 @@ fn tables(metrics: &ShapeSpaceMetrics) -> Vec<Table> {
         })
         .collect();
     let head = ["components", "compactness", "generalization mm", "± mm", "specificity mm", "model mm"];
-    vec![Table { title: "All registrations".into(), head: head.map(String::from).to_vec(), rows }]
+    let mut tables =
+        vec![Table { title: "All registrations".into(), head: head.map(String::from).to_vec(), rows }];
+    if !metrics.fit_errors.is_empty() {
+        let head =
+            ["fit error", "registrations", "compared, %", "mean mm", "held out, mean mm", "held out, p95 mm"];
+        let row = |named: &NamedFitError| {
+            let error = &named.error;
+            let (held_out, count) = (&error.held_out_mm, error.registrations as f64);
+            (
+                named.name.clone(),
+                vec![count, 100.0 * error.compared_share, error.mean_mm, held_out.mean, held_out.p95],
+            )
+        };
+        let rows = metrics.fit_errors.iter().map(row).collect();
+        let title = "Registrations and their scans".into();
+        tables.push(Table { title, head: head.map(String::from).to_vec(), rows });
+    }
+    tables
 }

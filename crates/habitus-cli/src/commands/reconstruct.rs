@@ -99,7 +99,8 @@ pub fn run(arguments: &ReconstructArguments, console: &Console) -> anyhow::Resul
     Ok(Outcome::Fine)
 }
 
-fn read_view(
+/// A view from an image, a mesh or a cloud.
+pub(super) fn read_view(
     path: &Path,
     side: Side,
     intrinsics: Option<&Path>,

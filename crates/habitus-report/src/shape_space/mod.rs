@@ -1,11 +1,14 @@
-//! Figures and page about a shape space, after P1 Fig. 3 and 4.
+//! Figures and page about a shape space, after P1 Fig. 1 to 4.
 
 mod chart;
+mod heat_map;
 mod modes;
+mod picture;
 
 use std::fmt::Write;
 
 pub use chart::{LineChart, Series};
+pub use heat_map::{HeatMap, heat_map_figure};
 pub use modes::modes_figure;
 
 use crate::report::{STYLE, escaped, number};
@@ -45,7 +48,7 @@ pub fn figures_page(title: &str, subtitle: &str, figures: &[Figure], tables: &[T
 }
 
 /// Rules for figures and tables side by side.
-pub(crate) const SHEET_STYLE: &str = ".sheets{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,26rem),1fr));gap:1rem}.sheet{margin:0;background:#fff;color:#30343c;border-radius:8px;padding:.6rem}.sheet svg{width:100%;height:auto}.sheet figcaption{font-size:.85rem;padding:.3rem .2rem}table td{text-align:right;font-variant-numeric:tabular-nums;padding:.15rem .6rem}table th{text-align:right;padding:.15rem .6rem}table td:first-child,table th:first-child{text-align:left}";
+pub(crate) const SHEET_STYLE: &str = ".sheets{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,26rem),1fr));gap:1rem}.wide{grid-column:1/-1}.sheet{margin:0;background:#fff;color:#30343c;border-radius:8px;padding:.6rem}.sheet svg{width:100%;height:auto}.sheet figcaption{font-size:.85rem;padding:.3rem .2rem}table td{text-align:right;font-variant-numeric:tabular-nums;padding:.15rem .6rem}table th{text-align:right;padding:.15rem .6rem}table td:first-child,table th:first-child{text-align:left}";
 
 /// Figures, then tables, as parts of a page.
 pub(crate) fn sheets(figures: &[Figure], tables: &[Table]) -> String {
@@ -53,7 +56,8 @@ pub(crate) fn sheets(figures: &[Figure], tables: &[Table]) -> String {
     for figure in figures {
         let _ = write!(
             body,
-            "<figure class=\"sheet\">{}<figcaption>{}</figcaption></figure>",
+            "<figure class=\"sheet{}\">{}<figcaption>{}</figcaption></figure>",
+            if is_wide(&figure.svg) { " wide" } else { "" },
             figure.svg,
             escaped(&figure.caption)
         );
@@ -63,11 +67,20 @@ pub(crate) fn sheets(figures: &[Figure], tables: &[Table]) -> String {
         let rows: String = table.rows.iter().map(row).collect();
         let _ = write!(
             body,
-            "<section><h2>{}</h2><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></section>",
+            "<section class=\"wide\"><h2>{}</h2><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></section>",
             escaped(&table.title)
         );
     }
     body
+}
+
+/// Whether a figure is so much wider than high that it takes a row for itself.
+fn is_wide(svg: &str) -> bool {
+    const WIDE: f64 = 2.5;
+    let sizes = svg.split("viewBox=\"0 0 ").nth(1).unwrap_or_default();
+    let mut sizes = sizes.split([' ', '"']).map(|word| word.parse::<f64>().unwrap_or(0.0));
+    let (width, height) = (sizes.next().unwrap_or(0.0), sizes.next().unwrap_or(0.0));
+    width > WIDE * height
 }
 
 fn row((name, values): &(String, Vec<f64>)) -> String {
@@ -87,14 +100,23 @@ mod tests {
 
     #[test]
     fn the_page_holds_its_figures_and_tables_and_loads_nothing() {
-        let figure = Figure { name: "a".into(), caption: "one & two".into(), svg: "<svg></svg>".into() };
+        let figure = Figure {
+            name: "a".into(),
+            caption: "one & two".into(),
+            svg: "<svg viewBox=\"0 0 500 100\"></svg>".into(),
+        };
         let table = Table {
             title: "numbers".into(),
             head: vec!["".into(), "mm".into()],
             rows: vec![("<b>".into(), vec![1.234])],
         };
         let page = figures_page("space", "of 3 bodies", &[figure], &[table]);
-        assert!(page.contains("one &amp; two") && page.contains("1.23") && page.contains("&lt;b&gt;"));
+        assert!(
+            page.contains("sheet wide")
+                && page.contains("one &amp; two")
+                && page.contains("1.23")
+                && page.contains("&lt;b&gt;")
+        );
         assert!(!page.contains("<script") && !page.contains("http://") && !page.contains("https://"));
     }
 }

@@ -2,16 +2,13 @@
 
 use std::fmt::Write;
 
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
 use glam::DVec3;
 use habitus::body::BodyModel;
 
-use crate::render::{Camera, Color, Layer, Paint, RenderError, Scene, View, render};
+use super::picture::{PANEL_HEIGHT, PANEL_WIDTH, picture};
+use crate::render::{Camera, Color, Paint, RenderError, View};
 use crate::report::escaped;
 
-const PANEL_WIDTH: usize = 150;
-const PANEL_HEIGHT: usize = 260;
 const LABEL: usize = 22;
 /// How many standard deviations from the mean the bodies are. P1 Fig. 4: 3.
 const DEVIATIONS: f64 = 3.0;
@@ -46,22 +43,12 @@ pub fn modes_figure(models: &[(String, &BodyModel)], components: usize) -> Resul
             PANEL_WIDTH as f64 / PANEL_HEIGHT as f64,
         );
         for (place, (component, deviation, body)) in bodies.into_iter().enumerate() {
-            let scene = Scene {
-                layers: vec![Layer::opaque(
-                    body,
-                    model.faces().to_vec(),
-                    Paint::Uniform(Color::from_srgb(176, 184, 196)),
-                )],
-                background: Color::from_srgb(255, 255, 255),
-                ..Scene::default()
-            };
-            let png = render(&scene, &camera, 2 * PANEL_WIDTH, 2 * PANEL_HEIGHT)?.to_png()?;
+            let paint = Paint::Uniform(Color::from_srgb(176, 184, 196));
+            let at = [place * PANEL_WIDTH, top + LABEL];
+            out.push_str(&picture(body, model.faces(), paint, &camera, at)?);
             let _ = write!(
                 out,
-                "<image x=\"{}\" y=\"{}\" width=\"{PANEL_WIDTH}\" height=\"{PANEL_HEIGHT}\" href=\"data:image/png;base64,{}\"/><text x=\"{}\" y=\"{}\" text-anchor=\"middle\">{} {}3σ</text>",
-                place * PANEL_WIDTH,
-                top + LABEL,
-                STANDARD.encode(png),
+                "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">{} {}3σ</text>",
                 place * PANEL_WIDTH + PANEL_WIDTH / 2,
                 top + LABEL + PANEL_HEIGHT + 15,
                 component + 1,

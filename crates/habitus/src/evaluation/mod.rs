@@ -2,7 +2,9 @@
 
 pub mod clearance;
 pub mod clothing_metrics;
+pub mod fit_error;
 pub mod layer_reconstruction;
+pub mod reconstruction_accuracy;
 pub mod registration_accuracy;
 pub mod registration_ranking;
 pub mod sequence_accuracy;

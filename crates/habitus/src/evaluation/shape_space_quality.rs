@@ -6,6 +6,7 @@ mod specificity;
 
 use serde::{Deserialize, Serialize};
 
+use super::fit_error::FitErrorSettings;
 use crate::statistics::{LinearSpace, LinearSpaceError, LinearSpaceSettings, RandomStream, SampleMatrix};
 
 pub use leave_one_out::{CrossValidation, Fold};
@@ -23,6 +24,8 @@ pub struct ShapeSpaceQualitySettings {
     pub training_samples: Vec<usize>,
     /// Left-out bodies for each number of training samples; more are not needed for a mean.
     pub training_sample_folds: usize,
+    /// How registrations are compared with their scans.
+    pub fit_error: FitErrorSettings,
     /// Seed of the random bodies and of the training subsets.
     pub seed: u64,
 }
@@ -34,6 +37,7 @@ impl Default for ShapeSpaceQualitySettings {
             specificity_samples: 10_000,
             training_samples: vec![50, 100, 1000],
             training_sample_folds: 200,
+            fit_error: FitErrorSettings::default(),
             seed: 0,
         }
     }
@@ -86,6 +90,38 @@ pub fn shape_space_quality(
     })
 }
 
+/// The same measures of the space of some samples against others, which stand for the truth (P1 §5.2: registrations of an
+/// earlier round against those of the last). `own_of[k]` is the place among `samples` of the body of truth `k`, if it is there:
+/// it is left out when that body is reconstructed.
+pub fn quality_against(
+    samples: &SampleMatrix,
+    truth: &SampleMatrix,
+    own_of: &[Option<usize>],
+    settings: &ShapeSpaceQualitySettings,
+) -> Result<ShapeSpaceQuality, LinearSpaceError> {
+    let components = settings.components_for(samples.len());
+    let space = space_of(samples, &components)?;
+    let mut both = SampleMatrix::with_capacity(samples.sample_length(), samples.len() + truth.len());
+    samples.samples().chain(truth.samples()).for_each(|sample| both.push(sample));
+    let folds: Vec<Fold> = own_of
+        .iter()
+        .enumerate()
+        .map(|(test, own)| Fold {
+            test: samples.len() + test,
+            training: (0..samples.len()).filter(|other| Some(*other) != *own).collect(),
+        })
+        .collect();
+    let generalization = mean_over_folds(&CrossValidation::new(&both), &folds, &components);
+    Ok(ShapeSpaceQuality {
+        samples: samples.len(),
+        compactness: compactness(&space, &components),
+        specificity_mm: specificity(&space, truth, &components, settings),
+        generalization_mm: generalization.iter().map(|(mean, _)| *mean).collect(),
+        generalization_error_mm: generalization.iter().map(|(_, error)| *error).collect(),
+        components,
+    })
+}
+
 /// The same measures of spaces of fewer, randomly chosen samples; generalization and specificity are taken against all
 /// samples (P1 §5.3).
 pub fn quality_by_training_samples(
@@ -121,36 +157,6 @@ pub fn quality_by_training_samples(
             })
         })
         .collect()
-}
-
-/// Generalization and specificity of a space learnt from `training`, measured against `truth`: one sample each for the same
-/// bodies, in the same order (P1 §5.2 compares bootstrapping rounds with the last one).
-pub fn quality_against(
-    training: &SampleMatrix,
-    truth: &SampleMatrix,
-    settings: &ShapeSpaceQualitySettings,
-) -> Result<ShapeSpaceQuality, LinearSpaceError> {
-    assert_eq!(training.len(), truth.len(), "a truth for each training sample");
-    let components = settings.components_for(training.len());
-    let space = space_of(training, &components)?;
-    let mut all = training.clone();
-    truth.samples().for_each(|sample| all.push(sample));
-    let count = training.len();
-    let folds: Vec<Fold> = (0..count)
-        .map(|left_out| Fold {
-            test: count + left_out,
-            training: (0..count).filter(|other| *other != left_out).collect(),
-        })
-        .collect();
-    let generalization = mean_over_folds(&CrossValidation::new(&all), &folds, &components);
-    Ok(ShapeSpaceQuality {
-        samples: count,
-        compactness: compactness(&space, &components),
-        specificity_mm: specificity(&space, truth, &components, settings),
-        generalization_mm: generalization.iter().map(|(mean, _)| *mean).collect(),
-        generalization_error_mm: generalization.iter().map(|(_, error)| *error).collect(),
-        components,
-    })
 }
 
 fn space_of(samples: &SampleMatrix, components: &[usize]) -> Result<LinearSpace, LinearSpaceError> {

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::run_folder::StageName;
+use super::registered_run::registration_folder;
 use crate::artifacts::provenance::{Provenance, ProvenanceError};
 use crate::artifacts::registered_scan::RegistrationRecord;
 use crate::artifacts::review_decisions::{DecisionsError, ReviewDecisions, Verdict};
@@ -89,7 +89,7 @@ pub struct RegistrationFolder {
 }
 
 impl RegistrationFolder {
-    /// Reads all PLY files of a folder, or of the register stage of a run folder, in the topology of `base`.
+    /// Reads all PLY files of a folder, or the registrations of a run folder (of its last round), in the topology of `base`.
     ///
     /// A file that cannot be read or has another topology is set aside with its reason; `decisions.toml` in the folder or
     /// the run is honoured. Lengths come from the registration's record, or are guessed from the largest extent.
@@ -99,10 +99,10 @@ impl RegistrationFolder {
         group: SubjectGroup,
         mut hear: impl FnMut(usize, usize),
     ) -> Result<Self, LearnFolderError> {
-        let staged = path.join(StageName::Register.folder());
+        let staged = registration_folder(path);
         let folder = if staged.is_dir() { staged } else { path.to_path_buf() };
         let files = mesh_files(&folder)?;
-        let rejected = rejected_names(&[&folder.join(DECISIONS), &folder.join("..").join(DECISIONS)])?;
+        let rejected = rejected_names(&[&folder.join(DECISIONS), &path.join(DECISIONS)])?;
         let members = group_members(&folder.join(SUBJECTS), group)?;
         let mut found = Self::default();
         let total = files.len();

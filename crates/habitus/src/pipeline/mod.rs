@@ -15,6 +15,7 @@ mod clothing_run;
 mod clothing_sliders;
 mod input_key;
 mod learnt_shape;
+mod reconstruction_evaluation;
 mod register_run;
 mod registered_run;
 mod run_folder;
@@ -40,6 +41,9 @@ pub use input_key::InputKey;
 pub use learnt_shape::{
     LearnFolderError, RegistrationFolder, SubjectGroup, learn_shape_to_file, settings_of_model,
 };
+pub use reconstruction_evaluation::{
+    EvaluateReconstructionsError, KnownPair, by_components, by_training_samples,
+};
 pub use register_run::{RegisterRun, RegisterRunError, RegisterSummary, ScanInput, ScanSummary, list_scans};
 pub use registered_run::{
     RegisteredRun, RegisteredRunError, ScanPair, ScanPlaces, decide_by_score, registration_folder,
@@ -51,7 +55,8 @@ pub use sequence_run::{
     measure_stored_fit, read_stored_fit,
 };
 pub use shape_space_evaluation::{
-    EvaluateSpaceError, EvaluationScope, NamedQuality, ShapeSpaceMetrics, evaluate_shape_space,
+    EvaluateSpaceError, EvaluationScope, NamedFitError, NamedQuality, ShapeSpaceMetrics, evaluate_run,
+    evaluate_shape_space,
 };
 pub use summary::{CodeSummary, MeasurementSummary, Seconds, Summary};
 pub use user_landmarks::{LandmarkFileError, read_user_landmarks};

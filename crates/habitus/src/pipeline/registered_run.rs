@@ -18,6 +18,7 @@ use crate::artifacts::registered_scan::{RegisteredScan, RegistrationFileError, m
 use crate::artifacts::review_decisions::{Decision, DecisionsError, ReviewDecisions, Verdict};
 use crate::artifacts::write_atomically;
 use crate::body::{BodyModel, PartLabel};
+use crate::evaluation::fit_error::{FitError, FitErrorSettings, FitErrorSums, vertex_distances};
 use crate::evaluation::registration_ranking::{
     Patches, RankedRegistration, RankingConfig, RankingParts, edge_factor, mahalanobis, residuals,
 };
@@ -237,6 +238,37 @@ impl RegisteredRun {
         Ok(ranking)
     }
 
+    /// Fit error over the registrations of these names (P1 §4.2); those whose scan is gone are left out.
+    pub fn fit_error(
+        &self,
+        names: &[String],
+        settings: &FitErrorSettings,
+        observer: &mut dyn Observer,
+    ) -> Result<FitError, RegisteredRunError> {
+        let mut sums = FitErrorSums::default();
+        for (batch, names_of_batch) in names.chunks(KEPT_EVERY).enumerate() {
+            let compared: Vec<_> = names_of_batch
+                .par_iter()
+                .map(|name| {
+                    let registered = RegisteredScan::read(&self.folder, name).ok()?;
+                    let pair = self.pair_of(&registered).ok()?;
+                    let distances = vertex_distances(&pair.registration, &pair.scan, settings);
+                    Some((distances, registered.record.quality.held_out_mm))
+                })
+                .collect();
+            for (distances, held_out) in compared.iter().flatten() {
+                sums.add(distances, held_out, settings);
+            }
+            let done = batch * KEPT_EVERY + names_of_batch.len();
+            if observer.on_event(&Event::Progress { stage: "compare", done, total: names.len() })
+                == Flow::Stop
+            {
+                return Err(RegisteredRunError::Stopped);
+            }
+        }
+        Ok(sums.finished(settings))
+    }
+
     /// Fingerprint of a registered mesh, by which decisions know it.
     pub fn fingerprint(&self, name: &str) -> Result<String, RegisteredRunError> {
         Ok(InputFile::of(&mesh_file(&self.folder, name))?.fingerprint)
@@ -367,6 +399,17 @@ const ROUNDS: &str = "rounds";
 /// Folder of one round.
 pub fn round_folder(run: &Path, round: usize) -> PathBuf {
     run.join(ROUNDS).join(round.to_string())
+}
+
+/// The rounds of a bootstrapping that have a space, in order.
+pub fn finished_rounds(run: &Path) -> Vec<usize> {
+    let entries = std::fs::read_dir(run.join(ROUNDS)).into_iter().flatten().filter_map(Result::ok);
+    let mut rounds: Vec<usize> = entries
+        .filter_map(|entry| entry.file_name().to_str()?.parse().ok())
+        .filter(|round| round_folder(run, *round).join(StageName::LearnShape.folder()).is_dir())
+        .collect();
+    rounds.sort_unstable();
+    rounds
 }
 
 /// Decides what nobody has decided: accepts up to a score and rejects above, with the reason as a note. Returns how many

@@ -1,13 +1,22 @@
 //! All numbers about a shape space in one file (P1 §5): `metrics.json`. The names of its keys are a contract.
 
+use std::path::Path;
+
 use habitus_optimize::{Event, Flow, Observer};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::learnt_shape::settings_of_model;
+use super::bootstrap::accepted_of_round;
+use super::learnt_shape::{LearnFolderError, RegistrationFolder, settings_of_model};
+use super::registered_run::{
+    RegisteredRun, RegisteredRunError, ScanPlaces, finished_rounds, registration_folder, round_folder,
+};
+use super::run_folder::StageName;
 use crate::body::BodyModel;
+use crate::evaluation::fit_error::FitError;
 use crate::evaluation::shape_space_quality::{
-    ShapeSpaceQuality, ShapeSpaceQualitySettings, quality_by_training_samples, shape_space_quality,
+    ShapeSpaceQuality, ShapeSpaceQualitySettings, quality_against, quality_by_training_samples,
+    shape_space_quality,
 };
 use crate::stages::learn_shape::{
     LearnShapeConfig, LearnShapeError, PoseNormalization, Registration, prepare_samples,
@@ -23,6 +32,12 @@ pub enum EvaluateSpaceError {
     /// A space cannot be learnt.
     #[error(transparent)]
     Space(#[from] LinearSpaceError),
+    /// Registrations cannot be compared with their scans.
+    #[error(transparent)]
+    Compare(#[from] RegisteredRunError),
+    /// The registrations of a round cannot be read.
+    #[error(transparent)]
+    Round(#[from] LearnFolderError),
 }
 
 /// Measures of a space of one kind.
@@ -56,6 +71,82 @@ pub struct ShapeSpaceMetrics {
     pub by_pose_normalization: Vec<NamedQuality>,
     /// The measures by bootstrapping round against the last round (P1 §5.2), if the run has rounds.
     pub by_round: Vec<NamedQuality>,
+    /// How far registrations are from their scans (P1 §4.2), if the folder is a run that knows where its scans are: of the
+    /// run, or of each bootstrapping round.
+    pub fit_errors: Vec<NamedFitError>,
+}
+
+/// A fit error and what it is of.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NamedFitError {
+    /// What it is of.
+    pub name: String,
+    /// The fit error.
+    #[serde(flatten)]
+    pub error: FitError,
+}
+
+/// The rounds of a run against its last (P1 §5.2), and how far registrations are from their scans (P1 §4); nothing of either
+/// for a folder that is no run. Poses are taken out of all rounds in the same way, as the model's were.
+pub fn evaluate_run(
+    run: &Path,
+    model: &BodyModel,
+    settings: &ShapeSpaceQualitySettings,
+    metrics: &mut ShapeSpaceMetrics,
+    observer: &mut dyn Observer,
+) -> Result<(), EvaluateSpaceError> {
+    let rounds = finished_rounds(run);
+    metrics.by_round = quality_by_round(run, &rounds, model, settings, observer)?;
+    let Some(places) = ScanPlaces::read(run) else { return Ok(()) };
+    let folders = if rounds.is_empty() {
+        vec![("registrations".to_string(), registration_folder(run))]
+    } else {
+        let folder = |round: &usize| round_folder(run, *round).join(StageName::Register.folder());
+        rounds.iter().map(|round| (round_name(*round), folder(round))).collect()
+    };
+    for (name, folder) in folders {
+        let registered = RegisteredRun::open(&folder, &places.scans, model)?;
+        let error = registered.fit_error(registered.names(), &settings.fit_error, observer)?;
+        if error.registrations > 0 {
+            metrics.fit_errors.push(NamedFitError { name, error });
+        }
+    }
+    Ok(())
+}
+
+fn round_name(round: usize) -> String {
+    format!("round {round}")
+}
+
+fn quality_by_round(
+    run: &Path,
+    rounds: &[usize],
+    model: &BodyModel,
+    settings: &ShapeSpaceQualitySettings,
+    observer: &mut dyn Observer,
+) -> Result<Vec<NamedQuality>, EvaluateSpaceError> {
+    let Some((last, _)) = rounds.split_last() else { return Ok(Vec::new()) };
+    let config = settings_of_model(model).unwrap_or_default();
+    let mut prepared = |round: usize| -> Result<_, EvaluateSpaceError> {
+        let path = round_folder(run, round);
+        let accepted = accepted_of_round(&path);
+        let mut folder = RegistrationFolder::read(&path, model, Default::default(), |_, _| {})?;
+        folder.registrations.retain(|registration| accepted.contains(&registration.name));
+        let names: Vec<String> = folder.registrations.iter().map(|r| r.name.clone()).collect();
+        let mut samples = prepare_samples(&folder.registrations, model, &config, observer)?.samples;
+        (0..samples.len()).for_each(|index| align_to(samples.sample_mut(index), model.mean_vertices()));
+        Ok((names, samples))
+    };
+    let (truth_names, truth) = prepared(*last)?;
+    let mut qualities = Vec::with_capacity(rounds.len());
+    for round in rounds {
+        let (names, samples) = prepared(*round)?;
+        let own: Vec<Option<usize>> =
+            truth_names.iter().map(|name| names.iter().position(|other| other == name)).collect();
+        let quality = quality_against(&samples, &truth, &own, settings)?;
+        qualities.push(NamedQuality { name: round_name(*round), quality });
+    }
+    Ok(qualities)
 }
 
 /// What besides the space of all registrations is evaluated.
@@ -111,6 +202,7 @@ pub fn evaluate_shape_space(
         by_training_samples,
         by_pose_normalization,
         by_round: Vec::new(),
+        fit_errors: Vec::new(),
     })
 }
 

@@ -156,9 +156,16 @@ fn a_round_is_measured_against_the_last_one() {
     let settings =
         ShapeSpaceQualitySettings { components: vec![0, 4], specificity_samples: 30, ..Default::default() };
     let own = shape_space_quality(&samples, &settings).expect("evaluates");
-    let against_itself = quality_against(&samples, &samples, &settings).expect("evaluates");
+    let own_of: Vec<Option<usize>> = (0..samples.len()).map(Some).collect();
+    let against_itself = quality_against(&samples, &samples, &own_of, &settings).expect("evaluates");
     for (left, right) in own.generalization_mm.iter().zip(&against_itself.generalization_mm) {
         assert!((left - right).abs() < 1e-6 * left);
     }
     assert_eq!(own.specificity_mm, against_itself.specificity_mm);
+    // A body that the earlier round had not accepted is reconstructed from all that it had.
+    let earlier = samples.subset(&(1..16).collect::<Vec<usize>>());
+    let own_of: Vec<Option<usize>> = (0..samples.len()).map(|body| body.checked_sub(1)).collect();
+    let fewer = quality_against(&earlier, &samples, &own_of, &settings).expect("evaluates");
+    assert_eq!(fewer.samples, 15);
+    assert!(fewer.generalization_mm[1] > own.generalization_mm[1]);
 }
