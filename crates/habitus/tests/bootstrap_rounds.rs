@@ -134,13 +134,6 @@ impl Lab {
         let strangers = strangers(&default, 20);
         [model, &ideal].map(|space| generalization(space, &strangers, components))
     }
-
-    /// Generalization to a few strangers with as many components as the start has, millimetres.
-    fn generalization_of(&self, model: &BodyModel) -> f64 {
-        let default = BodyModel::default_space().expect("is embedded");
-        let components = self.start.component_count().min(model.component_count());
-        generalization(model, &strangers(&default, 8), components)
-    }
 }
 
 /// Standing people of whom no space knows.
@@ -242,7 +235,9 @@ fn rounds_learn_from_what_passed_and_a_killed_run_goes_on() {
     assert!(changed(&model_file) > learnt);
 
     // A dozen people are few: the space must not fall behind the one that it started from.
-    let [found, start] = [&model, &lab.start].map(|space| lab.generalization_of(space));
+    let strangers = strangers(&BodyModel::default_space().expect("is embedded"), 8);
+    let all = |space: &BodyModel| generalization(space, &strangers, space.component_count());
+    let [found, start] = [&model, &lab.start].map(all);
     assert!(found <= 1.02 * start, "{found} mm, the start {start} mm");
 }
 
