@@ -11,6 +11,12 @@ const STEEPEST: f64 = 1e18;
 /// Relative widening of a ray's interval in a box, for the roundings of f32.
 const WIDENING: f32 = 1e-5;
 
+/// A unit direction along which no edge of a modelled mesh lies.
+const GENERAL_DIRECTION: DVec3 =
+    DVec3::new(0.801_783_725_737_273_2, 0.267_261_241_912_424_4, 0.534_522_483_824_848_8);
+/// How far behind a hit the next one is sought, in sizes of the mesh: faces that share an edge are met once.
+const PAST_A_HIT: f64 = 1e-9;
+
 /// Where a ray meets a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RayHit {
@@ -82,6 +88,20 @@ impl SurfaceIndex {
             }
         }
         hit
+    }
+
+    /// How many times a closed mesh winds around a point: 0 outside, 1 inside, more where its parts overlap. Counted along one ray,
+    /// on which faces seen from behind count for and faces seen from the front against.
+    pub fn winding_number(&self, point: DVec3) -> i32 {
+        let Primitives::Triangles { corners, .. } = &self.primitives else { return 0 };
+        let mut origin = point;
+        let mut winding = 0;
+        while let Some(hit) = self.ray_hit(origin, GENERAL_DIRECTION, f64::INFINITY) {
+            let [a, b, c] = corners[hit.face as usize];
+            winding += if (b - a).cross(c - a).dot(GENERAL_DIRECTION) > 0.0 { 1 } else { -1 };
+            origin += GENERAL_DIRECTION * (hit.distance + self.frame.metres * PAST_A_HIT);
+        }
+        winding
     }
 }
 
