@@ -198,15 +198,18 @@ fn make(
 }
 
 fn tell(output: &Path, summary: &SynthesisSummary, console: &Console) {
-    let inside = |what: &str, found: habitus::artifacts::synthesized_sequence::Penetration| {
-        format!(
-            "inside the body, {what}: {:5.2} % of the vertices, {:.1} mm deep at most",
-            100.0 * found.inside_share,
-            found.deepest_mm
-        )
+    let inside = |what: &str, found: Option<habitus::artifacts::synthesized_sequence::Penetration>| {
+        found.map_or(String::new(), |found| {
+            format!(
+                "\ninside the body, {what}: {:5.2} % of the vertices, {:.1} mm deep at most; {:.2} % pinched between its parts",
+                100.0 * found.inside_share,
+                found.deepest_mm,
+                100.0 * found.pinched_share
+            )
+        })
     };
     console.result(format!(
-        "{}: {} frames, {:.0} frames/s\n{}\n{}",
+        "{}: {} frames, {:.0} frames/s{}{}",
         output.display(),
         summary.frames,
         summary.frames_per_second,

@@ -15,15 +15,19 @@ use thiserror::Error;
 use super::npz::{NpzError, NpzWriter};
 use super::rigged_sequence::{FrameRate, RiggedSequence};
 
-/// How much of a clothing is inside the body.
+/// How much of a clothing is inside the body: where the body's surface winds around it once. Where parts of the body overlap, it
+/// winds around twice or more; clothing there is pinched between them, and is counted apart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Penetration {
     /// Share of the clothing's vertices.
     pub inside_share: f64,
     /// Mean depth of those, mm.
     pub mean_depth_mm: f64,
-    /// Largest depth, mm.
+    /// Largest depth of a vertex, the middle of an edge or the middle of a face, mm.
     pub deepest_mm: f64,
+    /// Share of the clothing's vertices that are pinched.
+    #[serde(default)]
+    pub pinched_share: f64,
 }
 
 impl Penetration {
@@ -36,6 +40,7 @@ impl Penetration {
             inside_share: share / count,
             mean_depth_mm: if share > 0.0 { depth / share } else { 0.0 },
             deepest_mm: frames.iter().map(|frame| frame.deepest_mm).fold(0.0, f64::max),
+            pinched_share: frames.iter().map(|frame| frame.pinched_share).sum::<f64>() / count,
         }
     }
 }
@@ -53,9 +58,9 @@ pub struct SynthesizedSequence {
     pub clothing: Vec<Vec<DVec3>>,
     /// Coefficients of the layer's components, one row a frame, in standard deviations; no columns if the layer is replayed.
     pub coefficients: DMatrix<f64>,
-    /// What was inside the body before it was pushed out, frame by frame.
+    /// What was inside the body before it was pushed out, frame by frame; empty if it was not pushed out.
     pub before: Vec<Penetration>,
-    /// What is inside the body after that.
+    /// What is inside the body after that; empty if it was not pushed out.
     pub after: Vec<Penetration>,
 }
 

@@ -213,10 +213,10 @@ pub struct SynthesisSummary {
     pub frames: usize,
     /// Vertices of the clothing.
     pub clothing_vertices: usize,
-    /// Clothing inside the body before it was pushed out.
-    pub penetration_before: Penetration,
-    /// Clothing inside the body at last.
-    pub penetration_after: Penetration,
+    /// Clothing inside the body before it was pushed out; none if it was not.
+    pub penetration_before: Option<Penetration>,
+    /// Clothing inside the body at last; none if it was not looked at.
+    pub penetration_after: Option<Penetration>,
     /// Seconds of prediction, posing and push-out.
     pub seconds: f64,
     /// Frames over those seconds.
@@ -288,13 +288,14 @@ pub fn write_synthesis(
     if let Some(form) = meshes {
         write_clothing_meshes(&stage.file(synthesized_file_names::MESHES), &sequence, form)?;
     }
+    let over = |frames: &[Penetration]| (!frames.is_empty()).then(|| Penetration::over(frames));
     let summary = SynthesisSummary {
         verb: "synthesize".into(),
         version: env!("CARGO_PKG_VERSION").into(),
         frames: sequence.clothing.len(),
         clothing_vertices: dressed.clothing_vertex_count(),
-        penetration_before: Penetration::over(&sequence.before),
-        penetration_after: Penetration::over(&sequence.after),
+        penetration_before: over(&sequence.before),
+        penetration_after: over(&sequence.after),
         seconds,
         frames_per_second: sequence.clothing.len() as f64 / seconds.max(1e-9),
     };

@@ -6,11 +6,11 @@
 //! ```
 
 pub mod config;
+mod obstacle;
 mod push_out;
 #[cfg(test)]
 mod tests;
 
-use glam::DVec3;
 use habitus_geometry::MeshError;
 use habitus_optimize::{Event, Flow, Observer};
 use nalgebra::DMatrix;
@@ -18,14 +18,14 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 pub use config::SynthesizeConfig;
-pub use push_out::{PushOut, body_mesh, penetration_of};
+pub use push_out::{PushOut, body_mesh};
 
 use crate::artifacts::clothing_layer::{ClothingLayer, pose_offsets};
 use crate::artifacts::clothing_model::ClothingModel;
 use crate::artifacts::fitted_sequence::{FittedFrame, FittedSequence};
 use crate::artifacts::motion_clip::MotionClip;
 use crate::artifacts::rigged_sequence::{FrameRate, RiggedSequence};
-use crate::artifacts::synthesized_sequence::{Penetration, SynthesizedSequence};
+use crate::artifacts::synthesized_sequence::SynthesizedSequence;
 use crate::body::BodyModel;
 
 /// Frames between two events of progress.
@@ -191,10 +191,13 @@ fn dress(
         let carriers =
             skin.carriers(&anchors, &body.posed_skeleton(frame), dressed.association.smallest_stretch);
         let mut clothing = pose_offsets(&carriers, &offsets(frame));
+        if config.push_out.rounds == 0 {
+            return Ok((clothing, None));
+        }
         let surface = body_mesh(body.posed_vertices(frame), &body.rig.faces)
             .map_err(|source| SynthesizeError::Body { frame, source })?;
-        let (before, after) = push_out.apply(&mut clothing, &surface, hints);
-        Ok((clothing, before, after))
+        let inside = push_out.apply(&mut clothing, &surface, hints);
+        Ok((clothing, Some(inside)))
     };
     let count = motion.poses.len();
     let mut frames = Vec::with_capacity(count);
@@ -218,13 +221,8 @@ fn dress(
             return Err(SynthesizeError::Stopped);
         }
     }
-    let (mut clothing, mut before, mut after): (Vec<Vec<DVec3>>, Vec<Penetration>, Vec<Penetration>) =
-        Default::default();
-    for (vertices, inside_before, inside_after) in frames {
-        clothing.push(vertices);
-        before.push(inside_before);
-        after.push(inside_after);
-    }
+    let (clothing, inside): (Vec<_>, Vec<_>) = frames.into_iter().unzip();
+    let (before, after) = inside.into_iter().flatten().unzip();
     Ok(SynthesizedSequence {
         body,
         frame_rate: motion.frame_rate,
