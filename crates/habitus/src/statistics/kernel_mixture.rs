@@ -7,7 +7,9 @@
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use super::kernel_ridge::{KernelChoice, KernelRidge, KernelRidgeError, evenly_spread};
+use super::kernel_ridge::{
+    KernelChoice, KernelRidge, KernelRidgeConfig, KernelRidgeError, evenly_spread, misses_of_left_out_blocks,
+};
 
 /// One part of the output.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,6 +50,24 @@ impl KernelMixture {
         Ok(Self { parts: parts?, inputs })
     }
 
+    /// Sum of squared errors on blocks of rows that the mixture was not learnt from; see [`KernelChoice::by_left_out_blocks`].
+    pub fn left_out_error(
+        inputs: &DMatrix<f64>,
+        targets: &DMatrix<f64>,
+        parts: &[(Vec<f64>, DMatrix<f64>)],
+        choice: &KernelChoice,
+        config: &KernelRidgeConfig,
+    ) -> Result<f64, KernelRidgeError> {
+        // As the mixing matrices sum to the identity, what the mixture misses is the mixture of what its parts miss.
+        let misses: Result<Vec<DMatrix<f64>>, KernelRidgeError> = parts
+            .par_iter()
+            .map(|(relevance, mixing)| {
+                Ok(misses_of_left_out_blocks(inputs, targets, relevance, choice, config)? * mixing)
+            })
+            .collect();
+        Ok(misses?.into_iter().reduce(|sum, part| sum + part).map_or(0.0, |sum| sum.norm_squared()))
+    }
+
     /// Outputs for rows of inputs.
     pub fn predict(&self, inputs: &DMatrix<f64>) -> DMatrix<f64> {
         let outputs: Vec<DMatrix<f64>> =
@@ -61,7 +81,6 @@ impl KernelMixture {
 mod tests {
     use super::*;
     use crate::statistics::RandomStream;
-    use crate::statistics::kernel_ridge::KernelRidgeConfig;
 
     #[test]
     fn parts_with_one_relevance_are_the_whole() {
@@ -77,5 +96,10 @@ mod tests {
         let parts = vec![(relevance.to_vec(), some), (relevance.to_vec(), rest)];
         let mixture = KernelMixture::learn(&inputs, &targets, parts, &choice, 100).unwrap();
         assert!((mixture.predict(&inputs) - whole.predict(&inputs)).norm() < 1e-10);
+        let some = DMatrix::from_row_slice(2, 2, &[0.7, 0.2, 0.2, 0.4]);
+        let rest = DMatrix::identity(2, 2) - &some;
+        let parts = [(relevance.to_vec(), some), (relevance.to_vec(), rest)];
+        let error = KernelMixture::left_out_error(&inputs, &targets, &parts, &choice, &config).unwrap();
+        assert!((error - choice.left_out_error).abs() < 1e-9 * choice.left_out_error);
     }
 }

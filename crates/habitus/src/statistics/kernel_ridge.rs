@@ -260,24 +260,50 @@ impl KernelChoice {
     }
 }
 
+/// What a regressor with a given kernel and damping misses of each row when the row's block is left out.
+pub(super) fn misses_of_left_out_blocks(
+    inputs: &DMatrix<f64>,
+    targets: &DMatrix<f64>,
+    relevance: &[f64],
+    choice: &KernelChoice,
+    config: &KernelRidgeConfig,
+) -> Result<DMatrix<f64>, KernelRidgeError> {
+    let (_, centres, targets, _) = prepared(inputs, targets, relevance, config.rows_for_choice)?;
+    let folds = config.folds.clamp(2, centres.ncols());
+    let similarities = choice.kernel.between(&centres, &centres);
+    left_out_residuals(&similarities, choice.damping, &targets, folds)
+        .ok_or(KernelRidgeError::NotPositiveDefinite)
+}
+
 fn left_out_error(
     similarities: &DMatrix<f64>,
     damping: f64,
     targets: &DMatrix<f64>,
     folds: usize,
 ) -> Option<f64> {
+    Some(left_out_residuals(similarities, damping, targets, folds)?.norm_squared())
+}
+
+/// For each row what a regressor without its block misses of the target.
+fn left_out_residuals(
+    similarities: &DMatrix<f64>,
+    damping: f64,
+    targets: &DMatrix<f64>,
+    folds: usize,
+) -> Option<DMatrix<f64>> {
     let count = similarities.nrows();
     let mut damped = similarities.clone();
     add_to_diagonal(&mut damped, damping);
     let inverse = damped.cholesky()?.inverse();
     let dual = &inverse * targets;
-    (0..folds)
-        .map(|fold| {
-            let (start, end) = (fold * count / folds, (fold + 1) * count / folds);
-            let block = inverse.view((start, start), (end - start, end - start)).into_owned().cholesky()?;
-            Some(block.solve(&dual.rows(start, end - start).into_owned()).norm_squared())
-        })
-        .sum()
+    let mut residuals = dual.clone();
+    for fold in 0..folds {
+        let (start, end) = (fold * count / folds, (fold + 1) * count / folds);
+        let block = inverse.view((start, start), (end - start, end - start)).into_owned().cholesky()?;
+        let missed = block.solve(&dual.rows(start, end - start).into_owned());
+        residuals.rows_mut(start, end - start).copy_from(&missed);
+    }
+    Some(residuals)
 }
 
 /// Scale, scaled inputs of the kept rows as columns, and their targets without their means, which come last.

@@ -32,6 +32,9 @@ pub struct NetworkConfig {
     pub max_iterations: usize,
     /// Spread of the first weights against that of unit variance through each layer: smaller is smoother.
     pub initial_scale: f64,
+    /// Starts of each network, of which the one with the lowest validation error is kept. P3 does not say; the first descent alone
+    /// depends on its start.
+    pub starts: usize,
     /// Networks that are trained from different starts; their mean is the prediction. 1 in P3.
     pub ensemble: usize,
 }
@@ -41,9 +44,10 @@ impl Default for NetworkConfig {
         Self {
             hidden_units: [60, 80],
             weight_decay: 0.0,
-            patience: 20,
+            patience: 40,
             max_iterations: 600,
-            initial_scale: 1.0,
+            initial_scale: 0.3,
+            starts: 4,
             ensemble: 1,
         }
     }
@@ -298,11 +302,19 @@ impl NetworkRegressor {
             NetworkLoss::new(shape, &x.select_rows(rows), &y.select_rows(rows), &output_weights, decay)
         };
         let losses = (part(training, decay), part(validation, 0.0));
-        let trained: Result<Vec<_>, NetworkError> = (0..config.ensemble.max(1))
+        let (members, starts) = (config.ensemble.max(1), config.starts.max(1));
+        let trained: Result<Vec<_>, NetworkError> = (0..members * starts)
             .into_par_iter()
-            .map(|member| train_member(&losses.0, &losses.1, config, seed ^ ((member as u64) << 32)))
+            .map(|start| train_member(&losses.0, &losses.1, config, seed ^ ((start as u64) << 32)))
             .collect();
-        let (members, records) = trained?.into_iter().unzip();
+        let error = |(_, record): &(Vec<f64>, TrainingRecord)| {
+            if validation.is_empty() { record.training_loss } else { record.validation_loss }
+        };
+        let best = |trained: &[(Vec<f64>, TrainingRecord)]| {
+            trained.iter().min_by(|a, b| error(a).total_cmp(&error(b))).cloned()
+        };
+        let trained = trained?;
+        let (members, records) = trained.chunks(starts).filter_map(best).unzip();
         Ok((Self { inputs: input_scale, outputs: output_scale, shape, members }, records))
     }
 

@@ -38,27 +38,35 @@ pub enum VertexWeights {
     Area,
 }
 
-/// How much kinds of inputs count in the kernels of the default recipe, each in its own unit.
+/// How much kinds of inputs count in the kernels of the default recipe, each in its own unit. Of each list that value is used
+/// which is best on left-out blocks of the frames that are learnt from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RelevanceConfig {
-    /// Factor for each joint between the part and an input's joint.
-    pub closeness: f64,
-    /// Of a joint's angular speed against its angle, seconds; the best on left-out blocks is used.
+    /// Factors for each joint between the part and an input's joint.
+    pub closeness: Vec<f64>,
+    /// Of a joint's angular speed against its angle, seconds.
     pub rates: Vec<f64>,
     /// Of the direction up as the pelvis sees it, against an angle in radians.
-    pub up: f64,
+    pub up: Vec<f64>,
     /// Of the root's velocity, radians per metre per second.
-    pub velocity: f64,
+    pub velocity: Vec<f64>,
     /// Of the root's angular velocity, seconds.
-    pub turn: f64,
+    pub turn: Vec<f64>,
     /// Of a control's standard deviation over the sequences, radians.
     pub control: f64,
 }
 
 impl Default for RelevanceConfig {
     fn default() -> Self {
-        Self { closeness: 0.4, rates: vec![0.0, 0.03, 0.1], up: 0.3, velocity: 0.1, turn: 0.05, control: 1.0 }
+        Self {
+            closeness: vec![1.0, 0.7, 0.5, 0.3],
+            rates: vec![0.0, 0.03, 0.1],
+            up: vec![1.0, 0.3, 0.1],
+            velocity: vec![0.0, 0.1, 0.3],
+            turn: vec![0.0, 0.05, 0.15],
+            control: 1.0,
+        }
     }
 }
 

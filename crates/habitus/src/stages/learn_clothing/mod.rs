@@ -68,9 +68,12 @@ pub enum LearnClothingError {
         /// Its value.
         value: f64,
     },
-    /// No relevance of the speeds is allowed.
-    #[error("relevance.rates is empty: name at least one")]
-    NoRelevance,
+    /// No relevance of a kind of input is allowed.
+    #[error("relevance.{name} is empty: name at least one value")]
+    NoRelevance {
+        /// The empty list.
+        name: &'static str,
+    },
     /// The components cannot be learnt.
     #[error("the components of the layer cannot be learnt: {0}")]
     Space(#[from] LinearSpaceError),

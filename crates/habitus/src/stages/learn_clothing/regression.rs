@@ -6,7 +6,7 @@ use glam::DVec3;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::config::{ClothingRecipe, LearnClothingConfig};
+use super::config::{ClothingRecipe, LearnClothingConfig, RelevanceConfig};
 use super::{LearnClothingError, PreparedLayers};
 use crate::artifacts::clothing_model::ClothingRegressor;
 use crate::body::{Feature, FeatureKind, FeatureSet, Skeleton};
@@ -116,7 +116,45 @@ fn with_noise(features: &DMatrix<f64>, control_count: usize, config: &LearnCloth
     noisy
 }
 
-/// One kernel and one weight of the speeds for the whole body, then a regressor for each bone's part of the clothing.
+/// How much kinds of inputs count: one value of each list of the settings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Relevance {
+    closeness: f64,
+    rate: f64,
+    up: f64,
+    velocity: f64,
+    turn: f64,
+}
+
+impl Relevance {
+    /// The first of each list.
+    fn first(config: &RelevanceConfig) -> Result<Self, LearnClothingError> {
+        let first =
+            |name, values: &[f64]| values.first().copied().ok_or(LearnClothingError::NoRelevance { name });
+        Ok(Self {
+            closeness: first("closeness", &config.closeness)?,
+            rate: first("rates", &config.rates)?,
+            up: first("up", &config.up)?,
+            velocity: first("velocity", &config.velocity)?,
+            turn: first("turn", &config.turn)?,
+        })
+    }
+
+    /// Copies with each of `values` in one place.
+    fn with_each(self, values: &[f64], place: fn(&mut Self) -> &mut f64) -> Vec<Self> {
+        let with = |value: &f64| {
+            let mut changed = self;
+            *place(&mut changed) = *value;
+            changed
+        };
+        values.iter().map(with).collect()
+    }
+}
+
+/// One kernel and one relevance of each kind of input for the whole body, then a regressor for each bone's part of the clothing.
+///
+/// All of them are chosen by the error on contiguous blocks that are left out of the rows in turn, kind by kind, so that frames
+/// which are set aside have no say.
 fn learn_kernels(
     prepared: &PreparedLayers,
     space: &LinearSpace,
@@ -127,39 +165,56 @@ fn learn_kernels(
     let skeleton = &prepared.layers[0].rig.skeleton;
     let described = config.recipe.feature_set().features(skeleton);
     let spread = equal_relevance(features);
-    let relevance = |part: Option<usize>, rate: f64| -> Vec<f64> {
-        let motion = described.iter().map(|feature| relevance_of(feature, part, rate, skeleton, config));
+    let of_inputs = |relevance: &Relevance, part: Option<usize>| -> Vec<f64> {
+        let motion = described.iter().map(|feature| relevance_of(feature, part, relevance, skeleton));
         let controls = spread[described.len()..].iter().map(|inverse| config.relevance.control * inverse);
         motion.chain(controls).collect()
     };
-    let mut best: Option<(f64, KernelChoice)> = None;
-    for rate in &config.relevance.rates {
-        let choice =
-            KernelChoice::by_left_out_blocks(features, amounts, &relevance(None, *rate), &config.kernels)?;
-        if best.as_ref().is_none_or(|(_, best)| choice.left_out_error < best.left_out_error) {
-            best = Some((*rate, choice));
+    let choose = |relevance: &Relevance, kernels: &KernelRidgeConfig| {
+        KernelChoice::by_left_out_blocks(features, amounts, &of_inputs(relevance, None), kernels)
+    };
+    let mut relevance = Relevance::first(&config.relevance)?;
+    let mut choice = choose(&relevance, &config.kernels)?;
+    let lists = &config.relevance;
+    type Place = fn(&mut Relevance) -> &mut f64;
+    let kinds: [(&[f64], Place); 4] = [
+        (&lists.rates, |relevance| &mut relevance.rate),
+        (&lists.up, |relevance| &mut relevance.up),
+        (&lists.velocity, |relevance| &mut relevance.velocity),
+        (&lists.turn, |relevance| &mut relevance.turn),
+    ];
+    for (values, place) in kinds {
+        for tried in relevance.with_each(values, place) {
+            let found = choose(&tried, &config.kernels)?;
+            if found.left_out_error < choice.left_out_error {
+                (choice, relevance) = (found, tried);
+            }
         }
     }
-    let Some((rate, choice)) = best else { return Err(LearnClothingError::NoRelevance) };
-    let parts = part_masks(prepared)
-        .into_iter()
-        .map(|(bone, mask)| (relevance(Some(bone), rate), mixing(space, &mask)))
-        .collect();
-    Ok(KernelMixture::learn(features, amounts, parts, &choice, config.kernels.most_rows)?)
+    let masks = part_masks(prepared);
+    let mixings: Vec<DMatrix<f64>> = masks.iter().map(|(_, mask)| mixing(space, mask)).collect();
+    let parts = |relevance: &Relevance| -> Vec<(Vec<f64>, DMatrix<f64>)> {
+        let of_part = |((bone, _), mixing): (&(usize, Vec<f64>), &DMatrix<f64>)| {
+            (of_inputs(relevance, Some(*bone)), mixing.clone())
+        };
+        masks.iter().zip(&mixings).map(of_part).collect()
+    };
+    let mut best = (f64::INFINITY, parts(&relevance));
+    for tried in relevance.with_each(&lists.closeness, |relevance| &mut relevance.closeness) {
+        let parts = parts(&tried);
+        let error = KernelMixture::left_out_error(features, amounts, &parts, &choice, &config.kernels)?;
+        if error < best.0 {
+            best = (error, parts);
+        }
+    }
+    Ok(KernelMixture::learn(features, amounts, best.1, &choice, config.kernels.most_rows)?)
 }
 
 /// How much a feature counts for a part: less for each joint between them.
-fn relevance_of(
-    feature: &Feature,
-    part: Option<usize>,
-    rate: f64,
-    skeleton: &Skeleton,
-    config: &LearnClothingConfig,
-) -> f64 {
-    let relevance = &config.relevance;
+fn relevance_of(feature: &Feature, part: Option<usize>, relevance: &Relevance, skeleton: &Skeleton) -> f64 {
     let in_its_unit = match feature.kind {
         FeatureKind::Angle => 1.0,
-        FeatureKind::Rate => rate,
+        FeatureKind::Rate => relevance.rate,
         FeatureKind::Up => relevance.up,
         FeatureKind::Velocity | FeatureKind::Speed => relevance.velocity,
         FeatureKind::Turn => relevance.turn,
