@@ -94,7 +94,7 @@ fn at(mesh: &TriangleMesh, point: &SurfacePoint) -> DVec3 {
 }
 
 #[test]
-#[ignore = "not met yet: 4.8 mm to the capture and 8 % of the faces turned over, where 1.5 mm and 1 % are asked for"]
+#[ignore = "not met yet: 4.4 mm to and 1.8 to 2.8 mm from the capture where 1.5 mm is asked for; 0.04 to 0.06 % of the faces turned over"]
 fn captures_without_correspondences_are_brought_into_one_connectivity() {
     let fit = fitted();
     let truth: Vec<TriangleMesh> = (0..FRAMES).map(|frame| dressed(&fit, frame)).collect();
@@ -125,7 +125,7 @@ fn captures_without_correspondences_are_brought_into_one_connectivity() {
     for (frame, truth) in aligned.frames.iter().zip(&truth) {
         let quality = frame.quality;
         assert!(quality.mean_to_capture < 1.5e-3 && quality.mean_from_capture < 1.5e-3, "{all:?}");
-        assert!(quality.folded_share < 1e-2, "{all:?}");
+        assert!(quality.folded_share < 1e-3, "{all:?}");
         let distances = frame.positions.iter().zip(&on_template);
         let slid: f64 = distances
             .map(|(position, point)| DVec3::from_array(position.map(f64::from)).distance(at(truth, point)))

@@ -121,7 +121,7 @@ pub struct ClothingSummary {
     pub mean_to_capture_mm: f64,
     /// Mean distance of the capture from the aligned surface, over all frames.
     pub mean_from_capture_mm: f64,
-    /// Share of frames without any face turned over.
+    /// Share of frames with no more faces turned over than `alignment.largest_folded_share`: real cloth crumples.
     pub frames_without_folds: f64,
     /// How many frames each code fired in.
     pub codes: BTreeMap<String, usize>,
@@ -251,7 +251,14 @@ impl<'a> ClothingRun<'a> {
             round_trip_mm: extracted.round_trip * 1000.0,
             mean_to_capture_mm: mean(|quality| quality.mean_to_capture) * 1000.0,
             mean_from_capture_mm: mean(|quality| quality.mean_from_capture) * 1000.0,
-            frames_without_folds: mean(|quality| f64::from(u8::from(quality.folded_share == 0.0))),
+            frames_without_folds: layer
+                .frames
+                .iter()
+                .filter(|frame| {
+                    frame.quality.folded_share <= self.input.config.alignment.largest_folded_share
+                })
+                .count() as f64
+                / count,
             codes,
             mean_offset_mm: 1000.0 * lengths.sum::<f64>() / (layer.offsets.len() / 3).max(1) as f64,
             seconds,

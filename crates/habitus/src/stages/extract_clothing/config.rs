@@ -102,6 +102,8 @@ pub struct AlignmentConfig {
     pub point_share: f64,
     /// Weight of all pairs from the capture to the template beside those from the template.
     pub capture_weight: f64,
+    /// Vertices of the template that look for pairs while the graph bends.
+    pub template_samples: usize,
     /// Points sampled on the capture.
     pub capture_samples: usize,
     /// Weight of the rigidity of the graph, round by round. Mean squares are compared: of neighbours that disagree about
@@ -136,6 +138,7 @@ impl Default for AlignmentConfig {
             smallest_robust_scale: 0.01,
             point_share: 0.1,
             capture_weight: 1.0,
+            template_samples: 5000,
             capture_samples: 3000,
             rigidity: RoundSchedule::Geometric { start: 30.0, factor: 0.5 },
             smallest_rigidity: 0.05,
@@ -147,14 +150,16 @@ impl Default for AlignmentConfig {
     }
 }
 
-/// Settings of the last rounds, in which each vertex moves along its normal.
+/// Settings of the last rounds, in which each vertex moves and its surroundings turn with it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DetailConfig {
     /// Rounds; none leaves what the graph has reached.
     pub rounds: usize,
-    /// Weight of moving like a neighbour beside that of reaching the capture.
-    pub stiffness: f64,
+    /// Weight of the length and turn of an edge beside that of a vertex reaching the capture, round by round.
+    pub stiffness: RoundSchedule,
+    /// It never falls below this.
+    pub smallest_stiffness: f64,
     /// Largest distance of a pair in metres.
     pub largest_shift: f64,
     /// Largest angle between the normals of a pair, in degrees.
@@ -165,6 +170,13 @@ pub struct DetailConfig {
 
 impl Default for DetailConfig {
     fn default() -> Self {
-        Self { rounds: 3, stiffness: 0.3, largest_shift: 0.03, angle_deg: 60.0, resting_weight: 0.01 }
+        Self {
+            rounds: 6,
+            stiffness: RoundSchedule::Geometric { start: 3.0, factor: 0.6 },
+            smallest_stiffness: 0.3,
+            largest_shift: 0.03,
+            angle_deg: 60.0,
+            resting_weight: 0.01,
+        }
     }
 }

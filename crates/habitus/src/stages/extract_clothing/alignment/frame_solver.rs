@@ -41,7 +41,7 @@ impl<'a> FrameSolver<'a> {
             config,
             sums: SparseNormalEquations::new(&pattern),
             cholesky: SparseCholesky::analyse(&pattern)?,
-            detail: DetailSolver::new(template.shape(), &config.detail)?,
+            detail: DetailSolver::new(template.shape())?,
             vertex_shares: vertex_shares(template.shape()),
             graph,
         })
@@ -85,7 +85,7 @@ impl<'a> FrameSolver<'a> {
             surface.clear();
             surface.extend_from_slice(deformer.deform(&parameters).vertices());
         }
-        self.detail.add(&mut surface, self.template.faces(), capture, &config.detail)?;
+        self.detail.add(&mut surface, self.template.shape(), capture, &config.detail)?;
         Ok(surface)
     }
 
@@ -108,8 +108,12 @@ impl<'a> FrameSolver<'a> {
         let mut normals = Vec::new();
         vertex_normals_into(surface, self.template.faces(), &mut normals);
         let mut pairs = field.correspondences(surface, &normals, &config.compatibility);
+        // A node moves dozens of vertices: an evenly spread part of them tells where it goes.
+        let stride = surface.len().div_ceil(config.template_samples.max(1)).max(1);
+        pairs.retain(|pair| (pair.vertex as usize).is_multiple_of(stride));
         for pair in &mut pairs {
-            pair.weight = self.vertex_shares[pair.vertex as usize]
+            pair.weight = stride as f64
+                * self.vertex_shares[pair.vertex as usize]
                 * robust_weight(pair.target.distance_squared(surface[pair.vertex as usize]), scale);
         }
         let Ok(mesh) = TriangleMesh::new(surface.to_vec(), self.template.faces().to_vec()) else {
