@@ -55,7 +55,7 @@ pub fn error_maps_figure(maps: &[ClothingErrorMap]) -> Result<String, RenderErro
             let x = left + place * PANEL_WIDTH;
             let _ = write!(
                 out,
-                "<image x=\"{x}\" y=\"{}\" width=\"{PANEL_WIDTH}\" height=\"{PANEL_HEIGHT}\" href=\"data:image/png;base64,{}\"/><text x=\"{}\" y=\"{}\" text-anchor=\"middle\">{} {:.1} mm</text>",
+                "<image x=\"{x}\" y=\"{}\" width=\"{PANEL_WIDTH}\" height=\"{PANEL_HEIGHT}\" href=\"data:image/png;base64,{}\"/><text x=\"{}\" y=\"{}\" text-anchor=\"middle\" font-size=\"10.5\">{} {:.1} mm</text>",
                 top + LABEL,
                 STANDARD.encode(png),
                 x + PANEL_WIDTH / 2,
