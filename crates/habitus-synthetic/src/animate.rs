@@ -141,7 +141,7 @@ impl<'a> Animation<'a> {
 }
 
 /// The pose of a body whose joints have these anatomical angles; the root stays at rest.
-pub(crate) fn posed_by_angles(model: &BodyModel, joints: &[DVec3], stance: &Stance) -> Pose {
+pub fn posed_by_angles(model: &BodyModel, joints: &[DVec3], stance: &Stance) -> Pose {
     let skeleton = model.skeleton();
     let mut pose = skeleton.rest_pose();
     let (lower, upper) = skeleton.pose_limits();

@@ -16,7 +16,7 @@ use crate::garment::{GarmentSettings, Outfit};
 use crate::motion::Motion;
 use crate::sequence::{DressedSequenceSettings, Progress};
 use crate::source_bodies::source_body_names;
-use crate::truth::{DressedTruth, TRUTH_FILE, write_sequence};
+use crate::truth::{DressedTruth, TRUTH_FILE, capture_file, write_sequence};
 
 /// How people are dressed (P2 §6.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -28,6 +28,29 @@ pub enum Style {
     Layered,
     /// A dress (women) or wide trousers (men).
     Wide,
+}
+
+impl Style {
+    /// All styles, from the closest to the loosest.
+    pub const ALL: [Self; 3] = [Self::Tight, Self::Layered, Self::Wide];
+
+    /// The style that an outfit counts as.
+    pub fn of(outfit: Outfit) -> Self {
+        match outfit {
+            Outfit::Tight => Self::Tight,
+            Outfit::ShirtAndTrousers | Outfit::ShortsAndTShirt => Self::Layered,
+            Outfit::Dress | Outfit::TShirtAndTrousers => Self::Wide,
+        }
+    }
+
+    /// The style as it stands in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tight => "tight",
+            Self::Layered => "layered",
+            Self::Wide => "wide",
+        }
+    }
 }
 
 /// One sequence of the benchmark.
@@ -50,10 +73,7 @@ pub struct BenchmarkSequence {
 /// Subjects by the names of their source bodies: short and slight, tall, heavy; each sex.
 const SUBJECTS: [&str; 6] = ["female_04", "female_02", "female_06", "male_07", "male_03", "male_01"];
 /// P2 §6.1: walking, rotating the body, pulling the knees up.
-const MOTIONS: [(Motion, &str); 3] =
-    [(Motion::Walk, "walk"), (Motion::TurnOnSpot, "turn"), (Motion::KneePulls, "knees")];
-const STYLES: [(Style, &str); 3] =
-    [(Style::Tight, "tight"), (Style::Layered, "layered"), (Style::Wide, "wide")];
+const MOTIONS: [Motion; 3] = [Motion::Walk, Motion::TurnOnSpot, Motion::KneePulls];
 /// P2 §6.1: 68 cameras.
 const CAMERA_COUNT: usize = 68;
 /// Name of the list of sequences in the benchmark's folder.
@@ -70,7 +90,7 @@ pub fn plan(
     let names = source_body_names()?;
     let motions: Vec<(Motion, String, Option<&PathBuf>)> = MOTIONS
         .iter()
-        .map(|(motion, name)| (*motion, (*name).to_string(), None))
+        .map(|motion| (*motion, motion.name().to_string(), None))
         .chain(motion_files.iter().map(|path| {
             (Motion::Walk, path.file_stem().unwrap_or_default().to_string_lossy().into_owned(), Some(path))
         }))
@@ -78,23 +98,23 @@ pub fn plan(
     let mut sequences = Vec::new();
     for (number, subject) in SUBJECTS.iter().enumerate() {
         let Some(source_body) = names.iter().position(|name| name == subject) else { continue };
-        for (place, (style, style_name)) in STYLES.iter().enumerate() {
+        for (place, style) in Style::ALL.into_iter().enumerate() {
             for (turn, (motion, motion_name, motion_file)) in motions.iter().enumerate() {
                 let is_in_small = (number % 3 == 1) && turn == (place + number) % MOTIONS.len();
                 if size == SetSize::Small && !is_in_small {
                     continue;
                 }
                 for capture in captures {
-                    let mut settings = settings(size, *style, *capture, subject.starts_with("female"));
+                    let mut settings = settings(size, style, *capture, subject.starts_with("female"));
                     settings.seed = seed;
                     settings.source_body = source_body;
                     settings.motion = *motion;
                     settings.motion_file = motion_file.cloned();
                     let suffix = if *capture == CaptureMode::VisualHull { "" } else { "_scanner" };
                     sequences.push(BenchmarkSequence {
-                        name: format!("{subject}_{style_name}_{motion_name}{suffix}"),
+                        name: format!("{subject}_{}_{motion_name}{suffix}", style.name()),
                         subject: (*subject).into(),
-                        style: *style,
+                        style,
                         motion: motion_name.clone(),
                         capture: *capture,
                         settings,
@@ -128,7 +148,9 @@ fn settings(size: SetSize, style: Style, mode: CaptureMode, is_woman: bool) -> D
     }
     let mut settings = DressedSequenceSettings { outfit, garment, capture, frame_count: 120, ..defaults };
     if size == SetSize::Small {
+        // A short while must hold half a step and a part of a knee pull.
         settings.frame_count = 8;
+        settings.frames_per_second = 15.0;
         settings.settle_seconds = 0.7;
         settings.garment.cloth_edge_mm = 30.0;
         settings.cloth.substeps_per_second = 900.0;
@@ -153,8 +175,21 @@ pub fn write_benchmark_sequence(
     {
         return Ok(false);
     }
+    clear(&own).map_err(|error| SyntheticError::File { path: own.clone(), reason: error.to_string() })?;
     write_sequence(model, &sequence.settings, &own, progress)?;
     Ok(true)
+}
+
+/// Removes the truth and then the captures of other settings: a longer sequence would leave frames behind.
+fn clear(folder: &Path) -> std::io::Result<()> {
+    let truth = folder.join(TRUTH_FILE);
+    if truth.is_file() {
+        std::fs::remove_file(truth)?;
+    }
+    for frame in (0..).map(|frame| folder.join(capture_file(frame))).take_while(|path| path.is_file()) {
+        std::fs::remove_file(frame)?;
+    }
+    Ok(())
 }
 
 /// Writes the list of sequences.
@@ -181,6 +216,7 @@ mod tests {
         let women = sequences.iter().filter(|sequence| sequence.subject.starts_with("female")).count();
         assert_eq!(women, 27);
         assert!(sequences.iter().all(|sequence| sequence.settings.capture.camera_count == 68));
+        assert!(sequences.iter().all(|sequence| Style::of(sequence.settings.outfit) == sequence.style));
         for sequence in sequences.iter().filter(|sequence| sequence.style == Style::Wide) {
             let is_dress = sequence.settings.outfit == Outfit::Dress;
             assert_eq!(is_dress, sequence.subject.starts_with("female"));

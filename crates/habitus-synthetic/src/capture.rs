@@ -225,6 +225,26 @@ mod tests {
         assert!((-voxel / 4.0..voxel).contains(&mean), "{mean}");
     }
 
+    /// Views that say nothing of a block of voxels are passed over; that must not be seen in the hull.
+    #[test]
+    fn the_visual_hull_of_a_hollow_shape_is_the_same_with_fine_and_coarse_images() {
+        let (positions, faces) = ball(0.3, -0.05);
+        let subject = Subject { positions: &positions, faces: &faces, substance: Substance::Solid };
+        let hull = |image_height: usize| {
+            let settings =
+                CaptureSettings { image_height, camera_count: 10, ..noiseless(CaptureMode::VisualHull) };
+            let (hull, hull_faces) = capture(&[subject], &settings, 5, "bowl");
+            let mesh = habitus::geometry::TriangleMesh::new(hull, hull_faces).unwrap();
+            (habitus::geometry::SurfaceIndex::of_mesh(&mesh), mesh.positions().to_vec())
+        };
+        // Of a fine image only few pixels of distance are followed, so that hardly any view is passed over there.
+        let ((_, coarse), (fine, _)) = (hull(400), hull(1200));
+        let pixel = 2.0 * 0.3 / 400.0;
+        let farthest =
+            coarse.iter().map(|&position| fine.closest(position).distance_squared.sqrt()).fold(0.0, f64::max);
+        assert!(farthest < 4.0 * pixel, "{farthest}");
+    }
+
     #[test]
     fn thin_cloth_is_captured_down_to_its_hem() {
         let (positions, faces) = ball(0.3, -0.1);

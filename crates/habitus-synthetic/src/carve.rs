@@ -1,6 +1,6 @@
 //! Carves a grid of voxels with the views of many cameras.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::capture::{Subject, bounds};
@@ -52,12 +52,14 @@ struct Brick {
 
 impl Brick {
     fn carve(&self, samples: &mut [f32], views: &[View], has_mesh: bool) {
+        // Silhouettes never know the distance to a surface that is seen right there: nothing is kept near a mesh.
+        let has_mesh = has_mesh && views.iter().any(|view| !view.is_silhouette());
         let mut near = [self.truncation; BRICK * BRICK * BRICK];
         if !has_mesh && views.iter().any(|view| self.is_beside(view)) {
             self.each_voxel(|sample, _, _| samples[sample] = self.truncation);
             return;
         }
-        for view in views {
+        for view in views.iter().filter(|view| !self.is_deep_within(view)) {
             let is_any_left = self.carve_by(samples, view, has_mesh.then_some(&mut near));
             if !is_any_left && !has_mesh {
                 return;
@@ -69,11 +71,25 @@ impl Brick {
         }
     }
 
+    /// Whether a view says of every voxel that it lies as far outside as is counted. Silhouettes alone bound the
+    /// hull wherever it is hollow, so that a brick next to one of them is carved voxel by voxel.
     fn is_beside(&self, view: &View) -> bool {
+        let (centre, radius) = self.ball(view);
+        view.is_beside(centre, if view.is_silhouette() { radius + self.truncation } else { radius })
+    }
+
+    /// Whether a view says of every voxel that it lies as deep inside as is counted, and so carves nothing.
+    fn is_deep_within(&self, view: &View) -> bool {
+        let (centre, radius) = self.ball(view);
+        view.is_silhouette() && view.is_within(centre, radius + self.truncation)
+    }
+
+    /// Centre of the brick in a camera's frame, and the radius around it that holds all voxels.
+    fn ball(&self, view: &View) -> (Vec3, f32) {
         let spacing = self.world_from_grid.x_axis.length();
         let half = BRICK as f64 * 0.5;
         let centre = self.world_from_grid * (self.corner / spacing + half);
-        view.is_beside(view.map.camera.in_camera(centre).as_vec3(), (half * spacing * 3.0_f64.sqrt()) as f32)
+        (view.map.camera.in_camera(centre).as_vec3(), (half * spacing * 3.0_f64.sqrt()) as f32)
     }
 
     /// Carves by one view; false once every voxel is certainly empty.

@@ -96,6 +96,56 @@ impl DepthMap {
         map
     }
 
+    /// Draws only which pixels are covered: any covered pixel names the first face, and there is no depth. `is_solid` says
+    /// of each mesh that it is closed, so that the faces which it turns to the camera cover all that it covers.
+    pub(crate) fn silhouette(camera: Camera, meshes: &[(&[DVec3], &[[u32; 3]])], is_solid: &[bool]) -> Self {
+        let pixel_count = camera.width * camera.height;
+        let mut map =
+            Self { camera, inverse_depth: Vec::new(), face: vec![NO_FACE; pixel_count], planes: Vec::new() };
+        for ((positions, faces), is_solid) in meshes.iter().zip(is_solid) {
+            let pixels: Vec<Option<(f32, f32)>> = positions
+                .iter()
+                .map(|&position| {
+                    let in_camera = map.camera.in_camera(position).as_vec3();
+                    (in_camera.z >= NEAR_PLANE).then(|| map.camera.pixel(in_camera))
+                })
+                .collect();
+            for face in *faces {
+                if let [Some(a), Some(b), Some(c)] = face.map(|vertex| pixels[vertex as usize]) {
+                    map.cover([a, b, c], *is_solid);
+                }
+            }
+        }
+        map
+    }
+
+    fn cover(&mut self, [a, b, c]: [(f32, f32); 3], is_solid: bool) {
+        let area = (b.0 - a.0) * (c.1 - a.1) - (b.1 - a.1) * (c.0 - a.0);
+        // Image y points down, so that a face seen from outside turns clockwise there.
+        if area == 0.0 || (is_solid && area > 0.0) {
+            return;
+        }
+        let (low_x, high_x) = pixel_range([a.0, b.0, c.0], self.camera.width);
+        let (low_y, high_y) = pixel_range([a.1, b.1, c.1], self.camera.height);
+        let sign = area.signum();
+        let edges = [(a, b), (b, c), (c, a)].map(|(from, to)| {
+            let (dx, dy) = ((to.0 - from.0) * sign, (to.1 - from.1) * sign);
+            (from, dx, dy)
+        });
+        for y in low_y..high_y {
+            let (row, centre_y) = (y * self.camera.width, y as f32 + 0.5);
+            for x in low_x..high_x {
+                let centre_x = x as f32 + 0.5;
+                let is_inside = edges
+                    .iter()
+                    .all(|(from, dx, dy)| dx * (centre_y - from.1) - dy * (centre_x - from.0) >= 0.0);
+                if is_inside {
+                    self.face[row + x] = 0;
+                }
+            }
+        }
+    }
+
     fn draw(&mut self, corners: [Vec3; 3]) {
         let face = self.planes.len() as u32;
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
@@ -146,6 +196,25 @@ fn pixel_range(coordinates: [f32; 3], size: usize) -> (usize, usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_silhouette_covers_what_the_depth_image_covers() {
+        let camera = Camera::looking_at(DVec3::new(1.0, 0.6, 2.0), DVec3::ZERO, 220.0, 120, 120);
+        let corners = [(-0.5, -0.5, -0.5), (0.5, -0.5, -0.4), (0.0, 0.6, -0.3), (0.1, 0.0, 0.6)];
+        let positions = corners.map(|(x, y, z)| DVec3::new(x, y, z));
+        let faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+        let meshes: [(&[DVec3], &[[u32; 3]]); 1] = [(&positions, &faces)];
+        let covered =
+            |map: &DepthMap| -> Vec<bool> { map.face.iter().map(|face| *face != NO_FACE).collect() };
+        let seen = covered(&DepthMap::render(camera.clone(), &meshes));
+        assert!(seen.iter().filter(|is| **is).count() > 1000);
+        for is_solid in [false, true] {
+            let silhouette = covered(&DepthMap::silhouette(camera.clone(), &meshes, &[is_solid]));
+            // Rounding may decide otherwise on the very edge.
+            let differ = seen.iter().zip(&silhouette).filter(|(a, b)| a != b).count();
+            assert!(differ <= 3, "solid {is_solid}: {differ} pixels differ");
+        }
+    }
 
     #[test]
     fn a_tilted_square_is_seen_at_its_true_depth() {

@@ -82,6 +82,16 @@ const WALK_TURN_RATE: f64 = 0.9;
 const KNEE_PULL_SECONDS: f64 = 1.4;
 
 impl Motion {
+    /// The motion as it stands in the names of files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Walk => "walk",
+            Self::WalkAndTurn => "walk_and_turn",
+            Self::TurnOnSpot => "turn",
+            Self::KneePulls => "knees",
+        }
+    }
+
     /// The body at a time, seconds; `phase` in 0..1 shifts the cycle.
     pub fn at(self, time: f64, phase: f64) -> Stance {
         match self {

@@ -104,15 +104,15 @@ impl DressedTruth {
         Ok(archive.write(&path)?)
     }
 
+    /// Reads what a sequence's folder says of its settings, and nothing else.
+    pub fn read_settings(folder: &Path) -> Result<DressedSequenceSettings, SyntheticError> {
+        settings(&mut open(folder)?)
+    }
+
     /// Reads the truth of a sequence's folder.
     pub fn read(folder: &Path) -> Result<Self, SyntheticError> {
-        let path: PathBuf = folder.join(TRUTH_FILE);
-        let bytes = std::fs::read(&path)
-            .map_err(|error| SyntheticError::File { path: path.clone(), reason: error.to_string() })?;
-        let mut archive = NpzReader::new(bytes, &path)?;
-        let text = archive.text("settings")?;
-        let settings =
-            serde_json::from_str(&text).map_err(|error| archive.invalid("settings", error.to_string()))?;
+        let mut archive = open(folder)?;
+        let settings = settings(&mut archive)?;
         let rest = archive.floats("rest_vertices")?;
         archive.expect_shape("rest_vertices", &rest, &[None, Some(3)])?;
         let vertex_count = rest.shape[0];
@@ -137,6 +137,18 @@ impl DressedTruth {
             )?,
         })
     }
+}
+
+fn open(folder: &Path) -> Result<NpzReader, SyntheticError> {
+    let path: PathBuf = folder.join(TRUTH_FILE);
+    let bytes = std::fs::read(&path)
+        .map_err(|error| SyntheticError::File { path: path.clone(), reason: error.to_string() })?;
+    Ok(NpzReader::new(bytes, &path)?)
+}
+
+fn settings(archive: &mut NpzReader) -> Result<DressedSequenceSettings, SyntheticError> {
+    let text = archive.text("settings")?;
+    Ok(serde_json::from_str(&text).map_err(|error| archive.invalid("settings", error.to_string()))?)
 }
 
 fn coordinates(points: &[DVec3]) -> Vec<f32> {

@@ -33,7 +33,12 @@ pub(crate) struct View {
 impl View {
     pub(crate) fn new(camera: Camera, subjects: &[Subject<'_>], mode: CaptureMode) -> Self {
         let meshes: Vec<_> = subjects.iter().map(|subject| (subject.positions, subject.faces)).collect();
-        let map = DepthMap::render(camera, &meshes);
+        let is_solid: Vec<bool> =
+            subjects.iter().map(|subject| subject.substance == Substance::Solid).collect();
+        let map = match mode {
+            CaptureMode::Scanner => DepthMap::render(camera, &meshes),
+            CaptureMode::VisualHull => DepthMap::silhouette(camera, &meshes, &is_solid),
+        };
         let silhouette = chamfer_distances(&map);
         // Solids come first, so that one number parts the faces.
         let solid_faces = subjects.iter().filter(|subject| subject.substance == Substance::Solid);
@@ -88,16 +93,29 @@ impl View {
         (distance.clamp(-truncation, truncation), near)
     }
 
+    /// Whether silhouettes are all that the camera knows.
+    pub(crate) fn is_silhouette(&self) -> bool {
+        self.mode == CaptureMode::VisualHull
+    }
+
     /// Whether a ball lies wholly beside the silhouette.
     pub(crate) fn is_beside(&self, centre_in_camera: Vec3, radius: f32) -> bool {
+        self.pixel_without_edge(centre_in_camera, radius).is_some_and(|pixel| self.map.face[pixel] == NO_FACE)
+    }
+
+    /// Whether a ball lies wholly within the silhouette.
+    pub(crate) fn is_within(&self, centre_in_camera: Vec3, radius: f32) -> bool {
+        self.pixel_without_edge(centre_in_camera, radius).is_some_and(|pixel| self.map.face[pixel] != NO_FACE)
+    }
+
+    /// The pixel of a ball's centre, if no edge of the silhouette passes through the ball's picture.
+    fn pixel_without_edge(&self, centre_in_camera: Vec3, radius: f32) -> Option<usize> {
         let (u, v) = self.map.camera.pixel(centre_in_camera);
-        let Some(pixel) = self.pixel_at(u, v) else {
-            return false;
-        };
+        let pixel = self.pixel_at(u, v)?;
         let radius_pixels = radius * self.map.camera.focal_pixels as f32 / (centre_in_camera.z - radius);
         // Chamfer distances are at most 6 % too long, and both ends are only known to half a pixel.
         let distance = f32::from(self.silhouette[pixel]) / f32::from(CHAMFER_PIXEL) * 0.94 - 2.0;
-        self.map.face[pixel] == NO_FACE && distance > radius_pixels
+        (distance > radius_pixels).then_some(pixel)
     }
 
     /// Distance to the surface that is seen right there, if it is seen well; of a sheet, to its thickened form.
@@ -112,23 +130,30 @@ impl View {
     }
 }
 
+/// From the first to the last of some lines of an image of `size` lines, and as far on as distances are followed.
+fn reach(lines: impl Iterator<Item = usize>, size: usize) -> std::ops::Range<usize> {
+    let (low, high) = lines.fold((size, 0), |(low, high), line| (low.min(line), high.max(line)));
+    low.saturating_sub(FARTHEST_PIXELS).max(1)..(high + FARTHEST_PIXELS).min(size - 1)
+}
+
 /// Two-pass 3–4 chamfer distance to the silhouette's edge, both inside and outside (Borgefors 1986), up to
 /// [`FARTHEST_PIXELS`].
 fn chamfer_distances(map: &DepthMap) -> Vec<u8> {
     let (width, height) = (map.camera.width, map.camera.height);
     let farthest = FARTHEST_PIXELS as u8 * CHAMFER_PIXEL;
     let mut distances = vec![farthest; width * height];
-    let is_covered = |pixel: usize| map.face[pixel] != NO_FACE;
+    let coverage: Vec<bool> = map.face.iter().map(|face| *face != NO_FACE).collect();
+    let is_covered = |pixel: usize| coverage[pixel];
     let relax = |distances: &mut [u8], pixel: usize, neighbour: usize, step: u8| {
         let through = if is_covered(pixel) == is_covered(neighbour) { distances[neighbour] } else { 0 };
         distances[pixel] = distances[pixel].min(through.saturating_add(step));
     };
     let (straight, diagonal) = (CHAMFER_PIXEL, CHAMFER_PIXEL + 1);
-    // A standing person leaves most columns empty; those further off keep the largest value.
+    // A standing person leaves most columns and some rows empty; those further off keep the largest value.
     let columns = (0..width).filter(|x| (0..height).any(|y| is_covered(y * width + x)));
-    let (low, high) = columns.fold((width, 0), |(low, high), x| (low.min(x), high.max(x)));
-    let columns = low.saturating_sub(FARTHEST_PIXELS).max(1)..(high + FARTHEST_PIXELS).min(width - 1);
-    for y in 1..height - 1 {
+    let columns = reach(columns, width);
+    let rows = reach((0..height).filter(|y| coverage[y * width..(y + 1) * width].contains(&true)), height);
+    for y in rows.clone() {
         for pixel in columns.clone().map(|x| y * width + x) {
             relax(&mut distances, pixel, pixel - 1, straight);
             relax(&mut distances, pixel, pixel - width - 1, diagonal);
@@ -136,7 +161,7 @@ fn chamfer_distances(map: &DepthMap) -> Vec<u8> {
             relax(&mut distances, pixel, pixel - width + 1, diagonal);
         }
     }
-    for y in (1..height - 1).rev() {
+    for y in rows.rev() {
         for pixel in columns.clone().rev().map(|x| y * width + x) {
             relax(&mut distances, pixel, pixel + 1, straight);
             relax(&mut distances, pixel, pixel + width + 1, diagonal);
