@@ -258,6 +258,7 @@ pub fn sequence_truth(model: &BodyModel, truth: &DressedTruth) -> SequenceTruth 
         rest_joints: model.joints(&truth.rest_vertices),
         posed_vertices: truth.posed_vertices.clone(),
         joints: truth.joints.clone(),
+        landmarks: truth.landmarks.clone(),
     }
 }
 
@@ -268,13 +269,18 @@ pub fn truth_of_frames<'a>(
 ) -> anyhow::Result<SequenceTruth> {
     let number_of: BTreeMap<String, usize> =
         (0..truth.joints.len()).map(|frame| (capture_file(frame), frame)).collect();
-    let mut chosen = SequenceTruth { posed_vertices: Vec::new(), joints: Vec::new(), ..truth.clone() };
+    let mut chosen = SequenceTruth {
+        rest_vertices: truth.rest_vertices.clone(),
+        rest_joints: truth.rest_joints.clone(),
+        ..SequenceTruth::default()
+    };
     for name in names {
         let frame = number_of.get(name).with_context(|| {
             format!("frame {name} is none of the {} that the truth knows", number_of.len())
         })?;
         chosen.posed_vertices.push(truth.posed_vertices[*frame].clone());
         chosen.joints.push(truth.joints[*frame].clone());
+        chosen.landmarks.extend(truth.landmarks.get(*frame).cloned());
     }
     Ok(chosen)
 }

@@ -118,27 +118,34 @@ impl LineChart {
                 "<path d=\"{path}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"2\" stroke-linejoin=\"round\"/>"
             );
         }
-        self.add_legend(&mut out);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for point in points().filter(|point| point[0] > 0.5 * x_axis.high) {
+            sum += point[1];
+            count += 1.0;
+        }
+        self.add_legend(&mut out, sum > 0.6 * y_axis.high * count);
         out.push_str("</svg>\n");
         out
     }
 
-    /// In the upper right corner, where falling curves leave room; rising ones run below it with a white ground behind.
-    fn add_legend(&self, out: &mut String) {
+    /// In the upper right corner, where falling curves leave room, or in the lower right one below rising curves.
+    fn add_legend(&self, out: &mut String, is_high_on_the_right: bool) {
         if self.series.len() < 2 {
             return;
         }
         let longest = self.series.iter().map(|series| series.name.chars().count()).max().unwrap_or(0) as f64;
         let width = 34.0 + 6.2 * longest;
         let left = WIDTH - RIGHT - width;
+        let height = 16.0 * self.series.len() as f64;
+        let top = if is_high_on_the_right { HEIGHT - BOTTOM - height - 4.0 } else { TOP };
         let _ = write!(
             out,
             "<rect x=\"{left:.1}\" y=\"{}\" width=\"{width:.1}\" height=\"{}\" fill=\"#fff\" fill-opacity=\"0.85\"/>",
-            TOP - 2.0,
-            16.0 * self.series.len() as f64 + 4.0
+            top - 2.0,
+            height + 4.0
         );
         for (index, series) in self.series.iter().enumerate() {
-            let at = TOP + 9.0 + 16.0 * index as f64;
+            let at = top + 9.0 + 16.0 * index as f64;
             let _ = write!(
                 out,
                 "<path d=\"M{:.1} {at}h18\" stroke=\"{}\" stroke-width=\"2\"/><text x=\"{:.1}\" y=\"{}\">{}</text>",

@@ -19,6 +19,8 @@ pub struct SequenceTruth {
     pub posed_vertices: Vec<Vec<DVec3>>,
     /// Joints, frame by frame.
     pub joints: Vec<Vec<DVec3>>,
+    /// The model's landmark vertices on the naked body, frame by frame; empty where they are not known.
+    pub landmarks: Vec<Vec<DVec3>>,
 }
 
 /// Why a fit and a truth cannot be compared.
@@ -164,7 +166,7 @@ fn girth_error(measurements: [&[Measurement]; 2]) -> Result<f64, AccuracyError> 
 }
 
 /// Mean length of the second difference over joints and inner frames.
-fn jitter(joints: &[Vec<DVec3>]) -> f64 {
+pub(super) fn jitter(joints: &[Vec<DVec3>]) -> f64 {
     let mut mean = Mean::default();
     for frames in joints.windows(3) {
         for ((before, here), after) in frames[0].iter().zip(&frames[1]).zip(&frames[2]) {

@@ -45,6 +45,7 @@ pub fn accuracy(model: &BodyModel, fitted: &FittedSequence, sequence: &DressedSe
         rest_joints: model.joints(&sequence.rest_vertices),
         posed_vertices: sequence.frames.iter().map(|frame| frame.scene.body_vertices.clone()).collect(),
         joints: sequence.frames.iter().map(|frame| frame.scene.joints.clone()).collect(),
+        landmarks: sequence.frames.iter().map(|frame| frame.scene.landmarks.clone()).collect(),
     };
     let of = |vertices: &[DVec3]| {
         let definitions = Definitions::standard().expect("the standard definitions are valid");

@@ -40,6 +40,7 @@ fn truth_of(fit: &RiggedSequence) -> SequenceTruth {
         rest_joints: sequence.rest_joints.clone(),
         posed_vertices: frames.clone().map(|frame| to_input(fit.posed_vertices(frame))).collect(),
         joints: frames.map(|frame| to_input(fit.posed_skeleton(frame).joints)).collect(),
+        landmarks: Vec::new(),
     }
 }
 
