@@ -341,6 +341,17 @@ impl Default for RefineConfig {
     }
 }
 
+/// Which vertices the clothing energy of the paper's recipe draws to the capture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ClothingForm {
+    /// Those outside of it (P2 Eq. 8).
+    #[default]
+    Outside,
+    /// All: what the one-sided form keeps from happening, for comparison.
+    Symmetric,
+}
+
 /// P2 §4.5 and §5.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -354,6 +365,10 @@ pub struct Paper2016Config {
     pub landmark_weight: RoundSchedule,
     /// P2 §4.3: 200 mm, 60°.
     pub compatibility: CompatibilityRules,
+    /// P2 Eq. 5: ω_cloth in the identity refinement. At 0 the identity of the first frames stays (P2 Fig. 3).
+    pub clothing_weight: f64,
+    /// Which vertices the clothing energy draws.
+    pub clothing_form: ClothingForm,
     /// P2 §5: ω_r = 1, on coefficients in the metric units of the basis, once for each frame as Eq. 5 sums Eq. 8.
     pub stay_near_weight: f64,
     /// Rounds of the joint solve over the initial frames and of the refinement; the paper says "iteratively".
@@ -369,6 +384,8 @@ impl Default for Paper2016Config {
             alternations: 6,
             landmark_weight: RoundSchedule::LinearToZero { zero_rounds: 2 },
             compatibility: CompatibilityRules::default(),
+            clothing_weight: 1.0,
+            clothing_form: ClothingForm::Outside,
             stay_near_weight: 1.0,
             joint_rounds: 3,
             solver_iterations: 40,

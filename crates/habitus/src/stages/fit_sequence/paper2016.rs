@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::body_levels::PreparedIdentity;
 use super::captured_frame::CapturedFrame;
-use super::config::Paper2016Config;
+use super::config::{ClothingForm, Paper2016Config};
 use super::pose_solver::normalise_root;
 use super::{FitSequenceError, Stage, Track, progress};
 use crate::body::{BodySurface, IdentityCoefficients, rotation_vector};
@@ -96,7 +96,7 @@ pub(super) fn refit(
             let Ok(capture) = stage.load(*frame, &recipe.fit_from_input) else { continue };
             let pose = &track.frames[*frame].pose;
             let pairs = recipe.pairs(&body, &capture, pose);
-            sum.add(&body, pose, InsideClothing::new(&pairs, DistanceForm::Point).residuals());
+            sum.add(&body, pose, &clothing_residuals(config, &pairs));
         }
         identity = sum.minimise(config, &stiffness, &initial_identity)?;
     }
@@ -203,6 +203,19 @@ impl Recipe<'_> {
             .zip(landmarks)
             .map(|(vertex, target)| LandmarkPull { vertex: *vertex, target: *target, confidence: 1.0 })
             .collect()
+    }
+}
+
+/// ω_cloth E_cloth without its regularisation (Eq. 8), or its symmetric counterpart.
+fn clothing_residuals(config: &Paper2016Config, pairs: &[Correspondence]) -> Vec<VertexResidual> {
+    let weight = config.clothing_weight;
+    match config.clothing_form {
+        ClothingForm::Outside => {
+            scaled(InsideClothing::new(pairs, DistanceForm::Point).residuals(), weight).collect()
+        }
+        ClothingForm::Symmetric => {
+            scaled(ClosestPoints::new(pairs, DistanceForm::Point).residuals(), weight).collect()
+        }
     }
 }
 
