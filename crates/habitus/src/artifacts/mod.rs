@@ -25,6 +25,7 @@ pub mod review_decisions;
 mod rig_file;
 pub mod rigged_sequence;
 pub mod scan;
+pub mod scan_landmarks;
 pub mod sequence_files;
 pub mod skinned_glb;
 pub mod synthesized_sequence;

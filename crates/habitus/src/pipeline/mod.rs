@@ -14,6 +14,7 @@ mod clothing_model_run;
 mod clothing_run;
 mod clothing_sliders;
 mod input_key;
+mod landmark_run;
 mod learnt_shape;
 mod reconstruction_evaluation;
 mod register_run;
@@ -38,6 +39,7 @@ pub use clothing_run::{
     read_stored_layer,
 };
 pub use input_key::InputKey;
+pub use landmark_run::LandmarkRun;
 pub use learnt_shape::{
     LearnFolderError, RegistrationFolder, SubjectGroup, learn_shape_to_file, settings_of_model,
 };
