@@ -6,7 +6,8 @@ use clap::{Parser, Subcommand};
 
 use crate::commands::{
     bootstrap, completions, config, demo, evaluate, export, extract_clothing, fit_sequence, generate,
-    learn_clothing, learn_shape, measure, reconstruct, register, render, report, review, synthesize,
+    landmarks, learn_clothing, learn_shape, measure, reconstruct, register, render, report, review,
+    synthesize,
 };
 
 const EXAMPLES: &str = "\
@@ -52,6 +53,8 @@ pub enum Verb {
     Register(register::RegisterArguments),
     /// Find the body of a person seen from the front and from the back
     Reconstruct(reconstruct::ReconstructArguments),
+    /// Find the landmarks of single scans
+    Landmarks(landmarks::LandmarksArguments),
     /// Show a body's measurements
     Measure(measure::MeasureArguments),
     /// Accept and reject registrations, worst first, on a local page

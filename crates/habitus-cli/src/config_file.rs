@@ -6,6 +6,7 @@ use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use habitus::evaluation::reconstruction_accuracy::ReconstructionAccuracySettings;
 use habitus::evaluation::registration_ranking::RankingConfig;
+use habitus::evaluation::sequence_metrics::SequenceMetricsSettings;
 use habitus::evaluation::shape_space_quality::ShapeSpaceQualitySettings;
 use habitus::pipeline::BootstrapConfig;
 use habitus::stages::extract_clothing::ExtractClothingConfig;
@@ -33,6 +34,8 @@ pub struct Settings {
     pub extract_clothing: ExtractClothingConfig,
     /// Section of `learn-shape`.
     pub learn_shape: LearnShapeConfig,
+    /// Section of `evaluate sequence` and `evaluate benchmark`.
+    pub evaluate_sequence: SequenceMetricsSettings,
     /// Section of `evaluate shape-space`.
     pub evaluate_shape_space: ShapeSpaceQualitySettings,
     /// Section of `evaluate reconstructions`.

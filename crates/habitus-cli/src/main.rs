@@ -64,6 +64,7 @@ fn run(arguments: Arguments, console: &Console) -> anyhow::Result<Outcome> {
         Verb::LearnShape(arguments) => commands::learn_shape::run(&arguments, console),
         Verb::Register(arguments) => commands::register::run(&arguments, console),
         Verb::Reconstruct(arguments) => commands::reconstruct::run(&arguments, console),
+        Verb::Landmarks(arguments) => commands::landmarks::run(&arguments, console),
         Verb::Measure(arguments) => commands::measure::run(&arguments, console),
         Verb::Bootstrap(arguments) => commands::bootstrap::run(&arguments, console),
         Verb::Review(arguments) => commands::review::run(&arguments, console),

@@ -24,6 +24,15 @@ use crate::console::Console;
 use crate::machine::peak_memory_mb;
 use crate::progress::{RunObserver, StageBar};
 
+/// Whether a run gets a page of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RunReport {
+    /// It does.
+    Written,
+    /// It does not: one of many runs that are reported together.
+    None,
+}
+
 /// What is to be fitted, and how.
 pub struct SequenceJob<'a> {
     /// The verb that asked.
@@ -40,6 +49,8 @@ pub struct SequenceJob<'a> {
     pub landmarks: Option<PathBuf>,
     /// What the fit is compared with.
     pub truth: Option<SequenceTruth>,
+    /// Whether a page is written.
+    pub report: RunReport,
     /// Whether finished work is done again.
     pub is_forced: bool,
 }
@@ -129,7 +140,9 @@ fn summarise(job: &SequenceJob<'_>, result: &MeasuredFit, clock: &mut StageClock
         Summary::new(job.verb, sequence, &result.measurements, clock.seconds(), peak_memory_mb());
     summary.truth = job.truth.as_ref().map(|truth| accuracy(job.model, result, truth)).transpose()?;
     let writing = Instant::now();
-    write_run_report(job.run.path(), result, &summary, Some(&job.origin))?;
+    if job.report == RunReport::Written {
+        write_run_report(job.run.path(), result, &summary, Some(&job.origin))?;
+    }
     clock.add_io(writing.elapsed());
     let truth = summary.truth;
     let whole = Summary::new(job.verb, sequence, &result.measurements, clock.seconds(), peak_memory_mb());

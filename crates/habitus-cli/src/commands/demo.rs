@@ -12,7 +12,7 @@ use crate::commands::fit_sequence::tell_summary;
 use crate::commands::generate::make_sequence;
 use crate::config_file::SettingsArguments;
 use crate::console::Console;
-use crate::sequence_job::{self, SequenceJob};
+use crate::sequence_job::{self, RunReport, SequenceJob};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -49,6 +49,7 @@ pub fn run(arguments: &DemoArguments, console: &Console) -> anyhow::Result<Outco
         config: &settings.fit_sequence,
         landmarks: None,
         truth: Some(truth),
+        report: RunReport::Written,
         is_forced: arguments.force,
     };
     let (summary, outcome) = sequence_job::run(&job, console)?;

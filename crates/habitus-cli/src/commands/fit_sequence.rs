@@ -9,7 +9,7 @@ use habitus::stages::fit_sequence::config::{Recipe, UnitChoice, UpChoice};
 use crate::Outcome;
 use crate::config_file::SettingsArguments;
 use crate::console::Console;
-use crate::sequence_job::{self, SequenceJob, load_model};
+use crate::sequence_job::{self, RunReport, SequenceJob, load_model};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -75,6 +75,16 @@ pub enum RecipeName {
     Paper2016,
 }
 
+impl RecipeName {
+    /// The library's word.
+    pub fn recipe(self) -> Recipe {
+        match self {
+            Self::Default => Recipe::Default,
+            Self::Paper2016 => Recipe::Paper2016,
+        }
+    }
+}
+
 /// Names of the units.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum UnitName {
@@ -86,6 +96,18 @@ pub enum UnitName {
     Cm,
     /// Millimetres
     Mm,
+}
+
+impl UnitName {
+    /// The library's word.
+    pub fn choice(self) -> UnitChoice {
+        match self {
+            Self::Auto => UnitChoice::Auto,
+            Self::M => UnitChoice::M,
+            Self::Cm => UnitChoice::Cm,
+            Self::Mm => UnitChoice::Mm,
+        }
+    }
 }
 
 /// Names of the axes.
@@ -101,29 +123,29 @@ pub enum UpName {
     Z,
 }
 
+impl UpName {
+    /// The library's word.
+    pub fn choice(self) -> UpChoice {
+        match self {
+            Self::Auto => UpChoice::Auto,
+            Self::X => UpChoice::X,
+            Self::Y => UpChoice::Y,
+            Self::Z => UpChoice::Z,
+        }
+    }
+}
+
 /// Fits a sequence.
 pub fn run(arguments: &FitSequenceArguments, console: &Console) -> anyhow::Result<Outcome> {
     let mut config = arguments.settings.load()?.fit_sequence;
-    match arguments.recipe {
-        Some(RecipeName::Default) => config.recipe = Recipe::Default,
-        Some(RecipeName::Paper2016) => config.recipe = Recipe::Paper2016,
-        None => {}
+    if let Some(recipe) = arguments.recipe {
+        config.recipe = recipe.recipe();
     }
     if let Some(unit) = arguments.unit {
-        config.unit = match unit {
-            UnitName::Auto => UnitChoice::Auto,
-            UnitName::M => UnitChoice::M,
-            UnitName::Cm => UnitChoice::Cm,
-            UnitName::Mm => UnitChoice::Mm,
-        };
+        config.unit = unit.choice();
     }
     if let Some(up) = arguments.up {
-        config.up = match up {
-            UpName::Auto => UpChoice::Auto,
-            UpName::X => UpChoice::X,
-            UpName::Y => UpChoice::Y,
-            UpName::Z => UpChoice::Z,
-        };
+        config.up = up.choice();
     }
     let origin = CaptureOrigin {
         input: arguments.input.clone(),
@@ -145,6 +167,7 @@ pub fn run(arguments: &FitSequenceArguments, console: &Console) -> anyhow::Resul
         config: &config,
         landmarks: arguments.landmarks.clone(),
         truth: None,
+        report: RunReport::Written,
         is_forced: arguments.force,
     };
     let (summary, outcome) = sequence_job::run(&job, console)?;

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Mutex;
 
+use anyhow::bail;
 use clap::{Args, ValueEnum};
 use habitus::body::BodyModel;
 use habitus_synthetic::benchmark::{self, write_benchmark_sequence, write_index};
@@ -30,6 +31,8 @@ pub const BENCHMARK_EXAMPLES: &str = "\
 Examples:
   habitus generate benchmark --preset small -o benchmark
   habitus generate benchmark --preset paper -o benchmark --capture visual-hull --capture scanner
+  habitus generate benchmark --preset paper -o benchmark --only female_04_ --only male_01_
+  habitus evaluate benchmark benchmark -o results
 
 Each sequence is a folder of frames with truth.npz, as `habitus generate` writes it; benchmark.json
 lists them. What is finished is not made again.";
@@ -104,6 +107,12 @@ pub struct BenchmarkArguments {
     /// Motion capture file of a further motion; may be repeated
     #[arg(long = "motion-file", value_name = "FILE")]
     pub motion_files: Vec<PathBuf>,
+    /// Frames of each sequence [default: the preset's]
+    #[arg(long, value_name = "N")]
+    pub frames: Option<usize>,
+    /// Make only sequences whose name holds this text; may be repeated, one of them is enough
+    #[arg(long, value_name = "TEXT")]
+    pub only: Vec<String>,
     /// Start of all random numbers
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
@@ -170,10 +179,22 @@ pub fn run_benchmark(arguments: &BenchmarkArguments, console: &Console) -> anyho
         BenchmarkPreset::Paper => SetSize::Full,
     };
     let captures: Vec<CaptureMode> = arguments.captures.iter().map(|capture| capture.mode()).collect();
-    let sequences = benchmark::plan(size, &captures, arguments.seed, &arguments.motion_files)?;
+    let mut sequences = benchmark::plan(size, &captures, arguments.seed, &arguments.motion_files)?;
+    if let Some(frames) = arguments.frames {
+        sequences.iter_mut().for_each(|sequence| sequence.settings.frame_count = frames);
+    }
+    let is_wanted = |name: &str| {
+        arguments.only.is_empty() || arguments.only.iter().any(|text| name.contains(text.as_str()))
+    };
+    let chosen: Vec<_> = sequences.iter().filter(|sequence| is_wanted(&sequence.name)).collect();
+    if chosen.is_empty() {
+        bail!("--only {}: no sequence has such a name; they are such as {}", arguments.only.join(" "), {
+            sequences.first().map_or("none", |sequence| sequence.name.as_str())
+        });
+    }
     write_index(&sequences, &arguments.output)?;
     let mut failed = 0;
-    for sequence in &sequences {
+    for sequence in chosen {
         let mut bar = StageBar::new(console);
         let made = write_benchmark_sequence(&model, sequence, &arguments.output, &mut |done, total| {
             bar.show("make", done, total);

@@ -2,7 +2,9 @@
 #![allow(clippy::expect_used, clippy::panic, reason = "test helpers stand outside test functions")]
 
 mod bench;
+mod benchmark;
 mod hostile_files;
+mod landmarks;
 mod odd_scenes;
 mod resume;
 mod sequence;

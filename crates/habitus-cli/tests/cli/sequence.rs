@@ -130,11 +130,37 @@ fn a_finished_run_is_not_done_again_unless_forced_or_changed() {
 fn the_truth_is_near_and_two_fits_are_compared_in_one_table() {
     let Fitted { captures, run: fit, .. } = fitted();
     let folder = tempfile::tempdir().expect("a folder");
-    let numbers = folder.path().join("accuracy.json");
-    let answer = run(words!["evaluate", "sequence", fit, "--truth", captures, "-o", numbers]).expect(0);
+    let out = folder.path().join("accuracy");
+    let answer = run(words!["evaluate", "sequence", fit, "--truth", captures, "-o", out]).expect(0);
     assert!(answer.result.contains("posed body, mean"), "{answer:?}");
-    let accuracy = json(&numbers);
-    let accuracy = accuracy.as_object().expect("by run").values().next().expect("one run");
+    assert!(answer.result.trim_end().ends_with("benchmark.html"), "{answer:?}");
+    let metrics = json(&out.join("metrics.json"));
+    let accuracy = &metrics["overall"];
+    assert_eq!(&metrics["styles"]["tight"], accuracy, "one sequence is all of them");
+    let contract = [
+        "posed_mean_mm",
+        "posed_p95_mm",
+        "rest_mean_mm",
+        "rest_under_10mm",
+        "mpjpe_mm",
+        "landmark_mm",
+        "girth_mean_error_mm",
+        "stature_error_mm",
+        "outside_share_5mm",
+        "jitter_ratio",
+        "failure_rate",
+        "false_alarm_rate",
+        "miss_rate",
+        "paper_protocol",
+        "seconds_per_frame",
+    ];
+    let keys = accuracy.as_object().expect("an object");
+    contract.iter().for_each(|key| assert!(keys.contains_key(*key), "{key} is missing"));
+    assert!(accuracy["seconds_per_frame"]["p95"].as_f64() >= accuracy["seconds_per_frame"]["p50"].as_f64());
+    assert_eq!(accuracy["miss_rate"], 0.0);
+    let page = std::fs::read_to_string(out.join("benchmark.html")).expect("exists");
+    assert!(page.contains("data:image/png;base64") && !page.contains("<script"), "one file without scripts");
+    assert!(out.join("shape_map.svg").is_file() && out.join("landmarks_by_style.svg").is_file());
     // Coarse captures and a dozen components: far from the demo's accuracy, but the same person in the same pose.
     assert!(accuracy["posed_mean_mm"].as_f64().expect("a number") < 60.0, "{accuracy}");
     assert!(accuracy["mpjpe_mm"].as_f64().expect("a number") < 60.0, "{accuracy}");
@@ -143,15 +169,15 @@ fn the_truth_is_near_and_two_fits_are_compared_in_one_table() {
 #[test]
 fn a_part_of_a_sequence_is_compared_with_its_own_frames() {
     let folder = tempfile::tempdir().expect("a folder");
-    let (out, numbers) = (folder.path().join("run"), folder.path().join("accuracy.json"));
+    let (out, numbers) = (folder.path().join("run"), folder.path().join("accuracy"));
     let part = ["--first", "1", "--last", "3", "--step", "2", "--recipe", "paper2016"];
     fit_into(&fitted().captures, &out, &part);
     run(words!["evaluate", "sequence", out, "--truth", fitted().captures, "-o", numbers]).expect(0);
     let summary = json(&out.join("summary.json"));
     assert_eq!(keys(&summary), sorted(&SUMMARY_KEYS[..11]), "the same keys from the paper's recipe");
     assert_eq!(summary["frames"], 2);
-    let accuracy = json(&numbers);
-    let accuracy = accuracy.as_object().expect("by run").values().next().expect("one run");
+    let metrics = json(&numbers.join("metrics.json"));
+    let accuracy = &metrics["overall"];
     // Compared with the wrong frames, a walk would be off by a step.
     assert!(accuracy["mpjpe_mm"].as_f64().expect("a number") < 120.0, "{accuracy}");
     assert!(accuracy["jitter_ratio"].is_null(), "two frames have no second difference");

@@ -5,13 +5,14 @@ use std::path::Path;
 use crate::bench::run;
 use crate::words;
 
-const VERBS: [&str; 18] = [
+const VERBS: [&str; 19] = [
     "demo",
     "register",
     "learn-shape",
     "reconstruct",
     "review",
     "fit-sequence",
+    "landmarks",
     "measure",
     "extract-clothing",
     "learn-clothing",
@@ -47,6 +48,10 @@ fn help_texts_are_as_they_were_read_last() {
     expect_snapshot(
         "help_evaluate_sequence",
         &run(words!["evaluate", "sequence", "--help"]).expect(0).result,
+    );
+    expect_snapshot(
+        "help_evaluate_benchmark",
+        &run(words!["evaluate", "benchmark", "--help"]).expect(0).result,
     );
     expect_snapshot(
         "help_evaluate_clothing",
