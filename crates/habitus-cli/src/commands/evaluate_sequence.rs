@@ -227,7 +227,7 @@ impl Evaluation {
             .map(|(name, variant)| Variant { name, errors: &variant.errors, metrics: &variant.metrics })
             .collect();
         let mean = model.mean_vertices();
-        let mut figures = benchmark_figures(&variants, MeanBody { vertices: &mean, faces: model.faces() })?;
+        let mut figures = benchmark_figures(&variants, MeanBody { vertices: mean, faces: model.faces() })?;
         figures.extend(self.overlays()?);
         for figure in &figures {
             write(&folder.join(format!("{}.svg", figure.name)), &figure.svg)?;

@@ -101,9 +101,9 @@ fn svg(variants: &[Variant<'_>], rows: &[(&str, Vec<Option<f64>>)], most: f64) -
             );
         }
     }
-    let _ = write!(
+    let _ = writeln!(
         out,
-        "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">mean landmark error, mm</text></svg>\n",
+        "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">mean landmark error, mm</text></svg>",
         0.5 * (LEFT + WIDTH - RIGHT),
         height - 10.0
     );

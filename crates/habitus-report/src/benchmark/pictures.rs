@@ -23,6 +23,8 @@ const LABEL: usize = 20;
 /// Error that gets the brightest colour, mm.
 const BRIGHTEST_MM: f64 = 40.0;
 const LEGEND_HEIGHT: usize = 34;
+/// A sheet is at least so wide: one picture alone is not blown up.
+const FEWEST_COLUMNS: usize = 4;
 
 /// A picture with a place in a sheet.
 struct Tile {
@@ -34,7 +36,7 @@ struct Tile {
 
 /// Pictures in rows and columns with their captions, as one SVG.
 fn sheet(title: &str, tiles: &[Tile], extra_height: usize) -> String {
-    let columns = tiles.iter().map(|tile| tile.column + 1).max().unwrap_or(1);
+    let columns = tiles.iter().map(|tile| tile.column + 1).fold(FEWEST_COLUMNS, usize::max);
     let rows = tiles.iter().map(|tile| tile.row + 1).max().unwrap_or(1);
     let (width, height) = (columns * PANEL_WIDTH, rows * (PANEL_HEIGHT + LABEL) + LABEL + extra_height);
     let mut out = format!(

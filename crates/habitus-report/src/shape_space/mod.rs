@@ -48,7 +48,7 @@ pub fn figures_page(title: &str, subtitle: &str, figures: &[Figure], tables: &[T
 }
 
 /// Rules for figures and tables side by side.
-pub(crate) const SHEET_STYLE: &str = ".sheets{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,26rem),1fr));gap:1rem}.wide{grid-column:1/-1}.sheet{margin:0;background:#fff;color:#30343c;border-radius:8px;padding:.6rem}.sheet svg{width:100%;height:auto}.sheet figcaption{font-size:.85rem;padding:.3rem .2rem}table td{text-align:right;font-variant-numeric:tabular-nums;padding:.15rem .6rem}table th{text-align:right;padding:.15rem .6rem}table td:first-child,table th:first-child{text-align:left}";
+pub(crate) const SHEET_STYLE: &str = ".sheets{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,26rem),1fr));gap:1rem}.wide{grid-column:1/-1}.sheets section{grid-column:1/-1;overflow-x:auto}.sheet{margin:0;align-self:start;background:#fff;color:#30343c;border-radius:8px;padding:.6rem}.sheet svg{width:100%;height:auto}.sheet figcaption{font-size:.85rem;padding:.3rem .2rem}table td{text-align:right;font-variant-numeric:tabular-nums;padding:.15rem .6rem}table th{text-align:right;padding:.15rem .6rem}table td:first-child,table th:first-child{text-align:left}";
 
 /// Figures, then tables, as parts of a page.
 pub(crate) fn sheets(figures: &[Figure], tables: &[Table]) -> String {
