@@ -7,6 +7,7 @@ pub mod geodesics;
 pub mod io;
 pub mod mesh;
 pub mod normals;
+pub mod point_grid;
 pub mod rigid;
 pub mod sampling;
 pub mod surface_index;
@@ -24,6 +25,7 @@ pub use frame_of_reference::{
 pub use geodesics::{GeodesicWorkspace, Geodesics};
 pub use mesh::{MeshError, PointCloud, Surface, TriangleMesh};
 pub use normals::{face_normals, vertex_normals, vertex_normals_into};
+pub use point_grid::PointGrid;
 pub use rigid::{RigidTransform, best_rotation, procrustes};
 pub use sampling::area_weighted_points;
 pub use surface_index::{RayHit, SurfaceIndex, SurfacePoint};

@@ -4,6 +4,7 @@
 //! capture is pulled weakly and robustly, because under loose cloth its closest point is not skin.
 
 use glam::DVec3;
+use habitus_geometry::PointGrid;
 
 use super::body_levels::BodyLevel;
 use super::captured_frame::{CaptureSample, CapturedFrame, bounds_of};
@@ -109,9 +110,11 @@ pub(super) fn capture_pairs(
     // Each direction weighs the same, however many vertices and samples there are.
     let share = weight * vertices.len() as f64 / weight_sum;
     let mut energy = 0.0;
+    let grid = PointGrid::new(vertices);
     let pairs = samples()
         .filter_map(|sample| {
-            let (vertex, squared) = nearest(vertices, normals, sample.position, sample.normal)?;
+            let faces_sample = |vertex: usize| normals[vertex].dot(sample.normal) > 0.0;
+            let (vertex, squared) = grid.nearest_where(sample.position, faces_sample)?;
             energy += sample.weight() * robust_energy(squared, scale);
             let signed_distance = (vertices[vertex] - sample.position).dot(sample.normal);
             Some(Correspondence {
@@ -152,12 +155,14 @@ pub(super) fn bare_capture_pairs(
     };
     // A sample stands for as much area as a vertex would if there were as many of both.
     let share = config.bare_capture_weight * vertices.len() as f64 / frame.samples.len().max(1) as f64;
+    let grid = PointGrid::new(vertices);
     frame
         .samples
         .iter()
         .filter(|sample| is_near(sample.position))
         .filter_map(|sample| {
-            let (vertex, squared) = nearest(vertices, normals, sample.position, sample.normal)?;
+            let faces_sample = |vertex: usize| normals[vertex].dot(sample.normal) > 0.0;
+            let (vertex, squared) = grid.nearest_where(sample.position, faces_sample)?;
             let signed_distance = (vertices[vertex] - sample.position).dot(sample.normal);
             let is_pulled = level.parts[vertex].is_bare()
                 && signed_distance < 0.0
@@ -176,25 +181,13 @@ pub(super) fn bare_capture_pairs(
 
 /// Share of all samples that look like a limb and have no body within `distance`: a limb that has gone astray.
 pub(super) fn uncovered_limb_share(frame: &CapturedFrame, vertices: &[DVec3], distance: f64) -> f64 {
-    let limit = distance * distance;
+    let grid = PointGrid::new(vertices);
     let uncovered = frame
         .samples
         .iter()
         .filter(|sample| sample.is_limb_like)
-        .filter(|sample| !vertices.iter().any(|vertex| vertex.distance_squared(sample.position) < limit));
+        .filter(|sample| !grid.has_within(sample.position, distance));
     uncovered.count() as f64 / frame.samples.len().max(1) as f64
-}
-
-/// The nearest vertex whose normal does not point away; a few hundred vertices need no tree.
-fn nearest(vertices: &[DVec3], normals: &[DVec3], position: DVec3, normal: DVec3) -> Option<(usize, f64)> {
-    let mut best: Option<(usize, f64)> = None;
-    for (index, vertex) in vertices.iter().enumerate() {
-        let squared = vertex.distance_squared(position);
-        if best.is_none_or(|(_, smallest)| squared < smallest) && normals[index].dot(normal) > 0.0 {
-            best = Some((index, squared));
-        }
-    }
-    best
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Decides what is suspicious about a fitted frame.
 
 use glam::DVec3;
+use habitus_geometry::PointGrid;
 
 use super::body_levels::{BodyLevel, PreparedIdentity};
 use super::captured_frame::CapturedFrame;
@@ -79,11 +80,8 @@ const SPREAD_STRIDE: usize = 8;
 const FOREIGN_FACTOR: f64 = 2.0;
 
 fn uncovered_share(capture: &CapturedFrame, vertices: &[DVec3], distance: f64) -> f64 {
-    let limit = distance * distance;
-    let uncovered = capture
-        .samples
-        .iter()
-        .filter(|sample| !vertices.iter().any(|vertex| vertex.distance_squared(sample.position) < limit));
+    let grid = PointGrid::new(vertices);
+    let uncovered = capture.samples.iter().filter(|sample| !grid.has_within(sample.position, distance));
     uncovered.count() as f64 / capture.samples.len().max(1) as f64
 }
 
