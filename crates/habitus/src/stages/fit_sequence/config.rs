@@ -105,11 +105,18 @@ pub struct FrameConfig {
     pub sample_count: usize,
     /// Neighbours for the normals of clouds that have none.
     pub normal_neighbours: usize,
+    /// Triangles or points, over all captures, that stay in memory for the next pass; about 250 bytes each.
+    pub kept_primitives: usize,
 }
 
 impl Default for FrameConfig {
     fn default() -> Self {
-        Self { smallest_component_share: 0.02, sample_count: 1200, normal_neighbours: 12 }
+        Self {
+            smallest_component_share: 0.02,
+            sample_count: 1200,
+            normal_neighbours: 12,
+            kept_primitives: 1_500_000,
+        }
     }
 }
 

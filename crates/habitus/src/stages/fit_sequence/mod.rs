@@ -9,6 +9,7 @@ mod captured_frame;
 mod clothed_surface;
 pub mod config;
 mod frame_codes;
+mod kept_captures;
 mod orientation;
 mod paper2016;
 mod pose_solver;
@@ -29,6 +30,7 @@ use self::captured_frame::{CapturedFrame, FitFromInput, LimbSearch};
 pub use self::config::FitSequenceConfig;
 use self::config::{Recipe, SurfaceConfig};
 use self::frame_codes::{FrameQuality, is_temporal_jump, judge_frame};
+use self::kept_captures::KeptCaptures;
 use self::orientation::{Orientation, move_root};
 use self::pose_solver::{GivenLandmark, PosePrior, PoseSolver};
 use self::refine_identity::{Contact, refine_pass, spread};
@@ -291,11 +293,11 @@ impl<'a> Stage<'a> {
     ) -> Result<(), FitSequenceError> {
         let mut poses = tracked.to_vec();
         let mut clearance: Option<Vec<f64>> = None;
-        let fit_from_input = track.orientation.fit_from_input;
+        let captures = KeptCaptures::new(self, track.orientation.fit_from_input, LimbSearch::Unneeded);
         for pass in 0..passes {
             progress(observer, "refine", pass, passes + 1)?;
             let solver = self.solver_at(&self.medium, &self.refine_surface, &track.identity)?;
-            let load = |frame: usize| self.load_with(frame, &fit_from_input, LimbSearch::Unneeded).ok();
+            let load = |frame: usize| captures.load(frame).ok();
             let prior = |frame: usize| self.smoothness_prior(tracked, frame);
             let step = refine_pass(
                 &solver,

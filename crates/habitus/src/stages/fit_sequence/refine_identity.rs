@@ -3,6 +3,8 @@
 //! Deviation: P2 §4.5 refines the identity with frozen poses. Slightly wrong poses then push limbs thin; eliminating
 //! the poses exactly (a Schur complement for each frame) costs little more.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 use habitus_optimize::minimize_box_quadratic;
 use nalgebra::{DMatrix, DVector};
@@ -57,7 +59,7 @@ pub(super) struct IdentityStep {
 pub(super) fn refine_pass(
     solver: &PoseSolver<'_>,
     frames: &[usize],
-    load: &(dyn Fn(usize) -> Option<CapturedFrame> + Sync),
+    load: &(dyn Fn(usize) -> Option<Arc<CapturedFrame>> + Sync),
     poses: &mut [Vec<f64>],
     prior: &(dyn Fn(usize) -> PosePrior + Sync),
     contact: &Contact<'_>,

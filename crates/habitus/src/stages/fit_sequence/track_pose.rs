@@ -8,6 +8,7 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use super::captured_frame::{CapturedFrame, LimbSearch};
+use super::kept_captures::KeptCaptures;
 use super::orientation::{Orientation, candidates};
 use super::pose_solver::{PosePrior, PoseSolution, PoseSolver};
 use super::refine_identity::Contact;
@@ -226,14 +227,14 @@ impl Stage<'_> {
         pose: &[f64],
     ) -> Result<(), FitSequenceError> {
         let config = &self.config.refine;
-        let fit_from_input = track.orientation.fit_from_input;
         let last = (first_frame + config.initial_frames).min(self.source.len());
         let solver = self.solver(&track.identity)?;
         let mut recent = Recent::of_start(pose);
         let mut poses: Vec<Vec<f64>> = vec![pose.to_vec()];
         let mut energies = Vec::new();
+        let captures = KeptCaptures::new(self, track.orientation.fit_from_input, LimbSearch::Wanted);
         for frame in first_frame..last {
-            if let Ok(capture) = self.load(frame, &fit_from_input) {
+            if let Ok(capture) = captures.load(frame) {
                 let solution = self.track_frame(&solver, &capture, &mut recent)?;
                 energies.push((poses.len(), solution.energy));
                 recent.push(solution.pose);
@@ -253,9 +254,7 @@ impl Stage<'_> {
         let mut clearance: Option<Vec<f64>> = None;
         for pass in 0..config.initial_passes {
             let solver = self.solver(&track.identity)?;
-            let load = |position: usize| {
-                self.load_with(first_frame + position - 1, &fit_from_input, LimbSearch::Unneeded).ok()
-            };
+            let load = |position: usize| captures.load(first_frame + position - 1).ok();
             let prior = |position: usize| self.smoothness_prior(&tracked, position);
             let step = super::refine_identity::refine_pass(
                 &solver,
