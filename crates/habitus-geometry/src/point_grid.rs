@@ -177,7 +177,7 @@ mod tests {
             let query =
                 (query - DVec3::new(0.5, 1.0, 0.2)) * [1.0, 1.3, 20.0][k % 3] + DVec3::new(0.5, 1.0, 0.2);
             for stride in [1, 3, 40] {
-                let accepts = |index: usize| index % stride == 0;
+                let accepts = |index: usize| index.is_multiple_of(stride);
                 assert_eq!(grid.nearest_where(query, accepts), brute_force(&cloud, query, accepts));
             }
             let nearest = brute_force(&cloud, query, |_| true).expect("a point").1.sqrt();

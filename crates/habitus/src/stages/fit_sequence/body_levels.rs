@@ -12,6 +12,8 @@ pub(super) struct BodyLevel {
     pub vertices: Vec<u32>,
     /// The same vertices as a surface of their own.
     pub surface: BodySurface,
+    /// The heaviest bone of each vertex.
+    pub main_bones: Vec<u8>,
     /// The clothing part of each vertex.
     pub parts: Vec<PartLabel>,
     /// Vertices of the head, of each hand and of each foot.
@@ -23,7 +25,12 @@ impl BodyLevel {
         let parts = vertices.iter().map(|v| model.part_labels()[*v as usize]).collect();
         let surface = model.surface().truncated(components).subset(&vertices);
         let extremities = extremities(model, &vertices);
-        Self { vertices, surface, parts, extremities }
+        let main_bone = |vertex: usize| {
+            let heaviest = surface.skin().of(vertex).max_by(|a, b| a.1.total_cmp(&b.1));
+            heaviest.map_or(0, |(bone, _)| bone as u8)
+        };
+        let main_bones = (0..vertices.len()).map(main_bone).collect();
+        Self { vertices, surface, main_bones, parts, extremities }
     }
 
     /// All vertices.

@@ -306,6 +306,8 @@ pub struct RefineConfig {
     /// Geman–McClure scale of that attraction in the first and in the last pass. A body that starts too thin must
     /// still feel the cloth around it, or it stays thin.
     pub contact_scale: [f64; 2],
+    /// `outside_weight` of the refinement.
+    pub outside_weight: f64,
     /// `bare_capture_weight` of the refinement: tracking and the first identity have drawn the feet out, and shoes and hair
     /// are thicker than skin.
     pub bare_capture_weight: f64,
@@ -331,17 +333,18 @@ impl Default for RefineConfig {
             initial_frames: 25,
             initial_passes: 4,
             vertex_count: 2400,
-            frame_limit: 48,
-            passes: 4,
+            frame_limit: 28,
+            passes: 8,
             pose_rounds: 2,
             residual_deviation: 0.006,
             independent_residuals: 500.0,
             smoothness: 2e-5,
             clearance_tolerance: 0.008,
-            contact_weight: 0.4,
+            contact_weight: 0.6,
             contact_scale: [0.08, 0.02],
+            outside_weight: 10.0,
             bare_capture_weight: 0.4,
-            final_outside_weight: 30.0,
+            final_outside_weight: 45.0,
             final_outside_tolerance: 0.001,
             final_rounds: 2,
         }
@@ -425,6 +428,8 @@ pub struct CodeThresholds {
     /// Largest share of such samples among all. Hems and folds of a wide dress reach 4 % under a right body, an arm
     /// alone is 5 %.
     pub uncovered_limb_share: f64,
+    /// How deep the bone of a forearm or a shank may lie inside the trunk.
+    pub limb_depth: f64,
     /// Largest turn of a joint between frames, in radians.
     pub jump_angle: f64,
     /// Largest move of the root between frames.
@@ -446,6 +451,7 @@ impl Default for CodeThresholds {
             missing_share: 0.6,
             limb_distance: 0.09,
             uncovered_limb_share: 0.06,
+            limb_depth: 0.02,
             jump_angle: 1.2,
             jump_distance: 0.4,
             rival_ratio: 1.08,

@@ -7,7 +7,7 @@ use super::body_levels::{BodyLevel, PreparedIdentity};
 use super::captured_frame::CapturedFrame;
 use super::clothed_surface::{ClothedPairs, clothed_pairs};
 use super::config::{CodeThresholds, SurfaceConfig};
-use super::pose_solver::has_lost_a_limb;
+use super::limb_watch::{SpreadBody, has_lost_a_limb};
 use super::refine_identity::{outside, signed_distances};
 use crate::artifacts::codes::Code;
 use crate::artifacts::fitted_sequence::Landmark;
@@ -55,10 +55,13 @@ pub(super) fn judge_frame(
         || outside(&distances, 0.02).0 > thresholds.outside_share_20mm;
     fire(is_outside, Code::BodyOutsideCapture);
     let spread: Vec<DVec3> = vertices.iter().step_by(SPREAD_STRIDE).copied().collect();
+    let spread_normals: Vec<DVec3> = normals.iter().step_by(SPREAD_STRIDE).copied().collect();
+    let spread_bones: Vec<u8> = body.level.main_bones.iter().step_by(SPREAD_STRIDE).copied().collect();
     let uncovered = uncovered_share(capture, &spread, thresholds.uncovered_distance);
     fire(uncovered > thresholds.uncovered_share, Code::CaptureNotCovered);
     fire(uncovered > FOREIGN_FACTOR * thresholds.uncovered_share, Code::ForeignObject);
-    let is_missing = has_lost_a_limb(body.level, &field, capture, &spread, thresholds);
+    let spread = SpreadBody { vertices: &spread, normals: &spread_normals, bones: &spread_bones };
+    let is_missing = has_lost_a_limb(body, &posed, &field, capture, &spread, thresholds);
     fire(is_missing, Code::BodyNotCovered);
     fire(is_joint_at_limit(body, pose), Code::JointAtLimit);
     let landmarks =

@@ -10,6 +10,7 @@ mod clothed_surface;
 pub mod config;
 mod frame_codes;
 mod kept_captures;
+mod limb_watch;
 mod orientation;
 mod paper2016;
 mod pose_solver;
@@ -189,6 +190,7 @@ impl<'a> Stage<'a> {
             user_landmarks,
             component_count,
             refine_surface: SurfaceConfig {
+                outside_weight: config.refine.outside_weight,
                 bare_capture_weight: config.refine.bare_capture_weight,
                 ..config.surface.clone()
             },

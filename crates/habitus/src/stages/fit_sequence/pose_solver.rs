@@ -6,10 +6,9 @@ use habitus_optimize::{Bounds, GaussNewtonSettings, Silent, gauss_newton};
 use super::FitSequenceError;
 use super::body_levels::{BodyLevel, PreparedIdentity};
 use super::captured_frame::CapturedFrame;
-use super::clothed_surface::{
-    bare_capture_pairs, capture_pairs, clothed_pairs, is_extremity_missing, uncovered_limb_share,
-};
+use super::clothed_surface::{bare_capture_pairs, capture_pairs, clothed_pairs, uncovered_limb_share};
 use super::config::{CodeThresholds, SurfaceConfig, TrackConfig};
+use super::limb_watch::{SpreadBody, has_lost_a_limb};
 use crate::body::{ROOT_LENGTH, Skeleton, rotation_vector};
 use crate::fitting::Fit;
 use crate::fitting::correspondence::ClosestField;
@@ -138,7 +137,8 @@ impl PoseSolver<'_> {
         pose: Vec<f64>,
         earlier: Option<&ClosestField>,
     ) -> PoseSolution {
-        let (vertices, normals) = body.vertices_and_normals(&body.posed(&pose));
+        let posed = body.posed(&pose);
+        let (vertices, normals) = body.vertices_and_normals(&posed);
         let field = ClosestField::find(&frame.index, &vertices, earlier);
         let clothed = clothed_pairs(body.level, &field, &vertices, &normals, self.surface);
         // The coarse body is enough to see what of the capture is unexplained.
@@ -150,7 +150,9 @@ impl PoseSolver<'_> {
         let lost_limbs = uncovered_limb_share(frame, &vertices, self.codes.limb_distance);
         let far = self.surface.bare_weight * self.surface.bare_scale * self.surface.bare_scale;
         let energy = clothed.energy + self.track.capture_weight * uncovered + lost_limbs * far;
-        let has_lost_a_limb = has_lost_a_limb(body.level, &field, frame, &vertices, self.codes);
+        let bones = &self.coarse.level.main_bones;
+        let spread = SpreadBody { vertices: &vertices, normals: &normals, bones };
+        let has_lost_a_limb = has_lost_a_limb(body, &posed, &field, frame, &spread, self.codes);
         PoseSolution { pose, energy, inlier_share: clothed.inlier_share, has_lost_a_limb }
     }
 
@@ -198,19 +200,6 @@ impl PoseSolver<'_> {
         }
         Ok(field)
     }
-}
-
-/// Whether a part of the body is away from the capture or a limb of the capture from the body; `spread_vertices` cover
-/// the body evenly.
-pub(super) fn has_lost_a_limb(
-    level: &BodyLevel,
-    field: &ClosestField,
-    frame: &CapturedFrame,
-    spread_vertices: &[DVec3],
-    codes: &CodeThresholds,
-) -> bool {
-    is_extremity_missing(level, field, codes.missing_distance, codes.missing_share)
-        || uncovered_limb_share(frame, spread_vertices, codes.limb_distance) > codes.uncovered_limb_share
 }
 
 /// Keeps the root's rotation vector shorter than π, away from its singularity at 2π.
