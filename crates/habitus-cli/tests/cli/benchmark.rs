@@ -36,7 +36,8 @@ fn a_benchmark_is_fitted_once_and_compared_by_style() {
     assert_eq!(metrics["sequences"].as_object().expect("by name").len(), 1);
     assert!(out.join("runs/few/one_tight_walk/3_fit_sequence/fit.npz").is_file());
     assert!(!out.join("runs/few/one_tight_walk/report.html").exists(), "one page for all");
-    assert!(out.join("shape_by_variant.svg").is_file());
+    // The one sequence is in tight clothes, and that figure is about loose ones.
+    assert!(!out.join("shape_by_variant.svg").exists());
 
     let again = run(&words).expect(0);
     assert!(again.messages.contains("already finished"), "{again:?}");
