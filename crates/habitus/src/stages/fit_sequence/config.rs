@@ -342,9 +342,9 @@ impl Default for RefineConfig {
             clearance_tolerance: 0.008,
             contact_weight: 0.6,
             contact_scale: [0.08, 0.02],
-            outside_weight: 10.0,
-            bare_capture_weight: 0.4,
-            final_outside_weight: 45.0,
+            outside_weight: 13.0,
+            bare_capture_weight: 0.75,
+            final_outside_weight: 60.0,
             final_outside_tolerance: 0.001,
             final_rounds: 2,
         }
