@@ -27,7 +27,7 @@ pub use mesh::{MeshError, PointCloud, Surface, TriangleMesh};
 pub use normals::{face_normals, vertex_normals, vertex_normals_into};
 pub use point_grid::PointGrid;
 pub use rigid::{RigidTransform, best_rotation, procrustes};
-pub use sampling::area_weighted_points;
+pub use sampling::{area_weighted_points, farthest_points};
 pub use surface_index::{RayHit, SurfaceIndex, SurfacePoint};
 pub use topology::{Topology, components};
 pub use weld::{Welded, weld};

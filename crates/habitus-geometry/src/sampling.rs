@@ -26,6 +26,26 @@ pub fn area_weighted_points(mesh: &TriangleMesh, count: usize, seed: u64) -> Vec
         .collect()
 }
 
+/// Indices of `count` points, the first one first, each the farthest from those picked before it.
+pub fn farthest_points(points: &[DVec3], count: usize) -> Vec<u32> {
+    let mut distances = vec![f64::INFINITY; points.len()];
+    let mut picked = Vec::with_capacity(count.min(points.len()));
+    let mut next = 0;
+    while picked.len() < count.min(points.len()) {
+        picked.push(next as u32);
+        let center = points[next];
+        let mut farthest = (0, -1.0);
+        for (index, (point, distance)) in points.iter().zip(&mut distances).enumerate() {
+            *distance = distance.min(point.distance_squared(center));
+            if *distance > farthest.1 {
+                farthest = (index, *distance);
+            }
+        }
+        next = farthest.0;
+    }
+    picked
+}
+
 /// Steele, Lea and Flood 2014: a small generator whose sequence never changes with a dependency.
 #[derive(Debug, Clone)]
 pub struct SplitMix {
@@ -83,5 +103,13 @@ mod tests {
         let mesh = two_triangles();
         assert_eq!(area_weighted_points(&mesh, 9, 1), area_weighted_points(&mesh, 9, 1));
         assert_ne!(area_weighted_points(&mesh, 9, 1), area_weighted_points(&mesh, 9, 2));
+    }
+
+    #[test]
+    fn farthest_points_are_ends_before_they_are_middles_and_never_more_than_there_are() {
+        let line: Vec<DVec3> = (0..9).map(|x| DVec3::X * f64::from(x)).collect();
+        assert_eq!(farthest_points(&line, 4), [0, 8, 4, 2]);
+        assert_eq!(farthest_points(&line, 20).len(), 9);
+        assert!(farthest_points(&[], 3).is_empty());
     }
 }

@@ -4,7 +4,7 @@
 //! landmarks, if there are any, settle what the surface leaves open.
 
 use glam::DVec3;
-use habitus_geometry::{SurfaceIndex, TriangleMesh, vertex_normals_into};
+use habitus_geometry::{SurfaceIndex, TriangleMesh, farthest_points, vertex_normals_into};
 use habitus_optimize::{Bounds, GaussNewtonSettings, Silent, SolveError, gauss_newton};
 use serde::{Deserialize, Serialize};
 
@@ -356,26 +356,6 @@ fn with_local_shapes(model: &BodyModel, centres: &[u32], config: &LocalShapeConf
     }
     let joints = directions.iter().map(|direction| model.joints(direction)).collect();
     model.surface().with_components(&directions, joints)
-}
-
-/// Picks points one by one, each the farthest from those picked before.
-fn farthest_points(points: &[DVec3], count: usize) -> Vec<u32> {
-    let mut distances = vec![f64::INFINITY; points.len()];
-    let mut picked = Vec::with_capacity(count.min(points.len()));
-    let mut next = 0;
-    while picked.len() < count.min(points.len()) {
-        picked.push(next as u32);
-        let center = points[next];
-        let mut farthest = (0, -1.0);
-        for (index, (point, distance)) in points.iter().zip(&mut distances).enumerate() {
-            *distance = distance.min(point.distance_squared(center));
-            if *distance > farthest.1 {
-                farthest = (index, *distance);
-            }
-        }
-        next = farthest.0;
-    }
-    picked
 }
 
 /// For each vertex of the mean body the place in `chosen` of its nearest one.

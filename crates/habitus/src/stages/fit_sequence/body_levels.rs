@@ -1,7 +1,7 @@
 //! The body at three resolutions, and one identity prepared at one of them.
 
 use glam::DVec3;
-use habitus_geometry::vertex_normals;
+use habitus_geometry::{farthest_points, vertex_normals};
 
 use crate::body::{BodyModel, BodySurface, PartLabel, PosedSkeleton};
 use crate::fitting::deformers::BodyParameters;
@@ -64,26 +64,6 @@ fn extremities(model: &BodyModel, vertices: &[u32]) -> Vec<Vec<u32>> {
     }
     parts.retain(|part| !part.is_empty());
     parts
-}
-
-/// Picks points one by one, each the farthest from those picked before.
-fn farthest_points(points: &[DVec3], count: usize) -> Vec<u32> {
-    let mut distances = vec![f64::INFINITY; points.len()];
-    let mut picked = Vec::with_capacity(count.min(points.len()));
-    let mut next = 0;
-    while picked.len() < count.min(points.len()) {
-        picked.push(next as u32);
-        let center = points[next];
-        let mut farthest = (0, -1.0);
-        for (index, (point, distance)) in points.iter().zip(&mut distances).enumerate() {
-            *distance = distance.min(point.distance_squared(center));
-            if *distance > farthest.1 {
-                farthest = (index, *distance);
-            }
-        }
-        next = farthest.0;
-    }
-    picked
 }
 
 /// An identity at one level: what stays the same over poses.
