@@ -14,7 +14,7 @@ use habitus::artifacts::rigged_sequence::FrameRate;
 use habitus::artifacts::synthesized_sequence::MeshFiles;
 use habitus::pipeline::{
     ClothingSource, RunFolder, StageName, SynthesisInput, SynthesisSummary, finished_synthesis, read_motion,
-    write_synthesis,
+    synthesis_journal, write_synthesis,
 };
 use habitus::stages::synthesize::{Motion, change_body, replay_layer, synthesize};
 use habitus_report::dressed_report::{ClipSource, synthesis_report};
@@ -163,30 +163,33 @@ pub fn run(arguments: &SynthesizeArguments, console: &Console) -> anyhow::Result
             ));
             summary
         }
-        _ => make(&run, &source, &input, console)?,
+        _ => make(&run, &source, &input, arguments.force, console)?,
     };
     tell(output, &summary, console);
     Ok(Outcome::Fine)
 }
 
-/// Synthesizes, writes all files and the page.
+/// Synthesizes, going on after the frames of an earlier, killed run unless `afresh`; writes all files and the page.
 fn make(
     run: &RunFolder,
     source: &ClothingSource,
     input: &SynthesisInput<'_>,
+    afresh: bool,
     console: &Console,
 ) -> anyhow::Result<SynthesisSummary> {
     let mut clock = StageClock::start();
     let mut observer = RunObserver { bar: StageBar::new(console), clock: &mut clock };
+    let mut journal = synthesis_journal(run, &input.key()?, afresh)?;
     let (sequence, clip_source) = match (source, input.motion) {
         (ClothingSource::Model(model), Some((motion, controls))) => {
             let (dressed, config) = (input.dressed, input.config);
-            let sequence = synthesize(model, dressed, motion, controls, config, &mut observer)?;
+            let sequence = synthesize(model, dressed, motion, controls, config, &mut journal, &mut observer)?;
             (sequence, ClipSource::Model(model))
         }
-        (ClothingSource::Layer(layer), _) => {
-            (replay_layer(input.dressed, input.config, &mut observer)?, ClipSource::Layer(layer))
-        }
+        (ClothingSource::Layer(layer), _) => (
+            replay_layer(input.dressed, input.config, &mut journal, &mut observer)?,
+            ClipSource::Layer(layer),
+        ),
         (ClothingSource::Model(_), None) => bail!("a model needs a motion"),
     };
     observer.bar.clear();

@@ -119,24 +119,35 @@ impl ParameterTable {
 }
 
 /// A fabric table in few numbers: each number standardised over the fabrics, then principal components. Without
-/// standardising, the two stiffest fabrics are all that the components see.
+/// standardising, the two stiffest fabrics are all that the components see. Stiffness and rigidity span decades: what is
+/// positive in all fabrics is compared by its logarithm, so that a fabric beyond the others is not far beyond them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FabricSpace {
-    /// Mean and deviation of each number over the fabrics.
+    /// Which numbers are compared by their logarithms.
+    pub is_logarithmic: Vec<bool>,
+    /// Mean and deviation over the fabrics of each number, or of its logarithm.
     pub scale: Standardization,
     /// Components of the standardised numbers.
     pub space: LinearSpace,
 }
 
+/// Deviations below the mean logarithm where a number that is not positive is put, if all that were learnt from were.
+const NOT_POSITIVE: f64 = 3.0;
+
 impl FabricSpace {
     /// Components of fabrics, at most `components`.
     pub fn learn(tables: &[Vec<f64>], components: usize) -> Result<Self, LinearSpaceError> {
         let width = tables.first().map_or(0, Vec::len);
-        let rows = DMatrix::from_fn(tables.len(), width, |row, k| tables[row][k]);
+        let is_logarithmic: Vec<bool> =
+            (0..width).map(|k| tables.iter().all(|table| table[k] > 0.0)).collect();
+        let compared = |row: usize, k: usize| -> f64 {
+            if is_logarithmic[k] { tables[row][k].ln() } else { tables[row][k] }
+        };
+        let rows = DMatrix::from_fn(tables.len(), width, compared);
         let scale = Standardization::of(&rows);
         let samples = SampleMatrix::from(scale.apply(&rows).transpose());
         let space = LinearSpace::learn(&samples, &LinearSpaceSettings::with_components(components))?;
-        Ok(Self { scale, space })
+        Ok(Self { is_logarithmic, scale, space })
     }
 
     /// The components of a fabric, in standard deviations.
@@ -144,7 +155,13 @@ impl FabricSpace {
         if table.len() != self.scale.width() {
             return Err(ControlsError::FabricLength { found: table.len(), needed: self.scale.width() });
         }
-        let row = self.scale.apply(&DMatrix::from_row_slice(1, table.len(), table));
+        let compared = |(k, value): (usize, &f64)| match self.is_logarithmic[k] {
+            false => *value,
+            true if *value > 0.0 => value.ln(),
+            true => self.scale.means[k] - NOT_POSITIVE * self.scale.deviations[k],
+        };
+        let compared: Vec<f64> = table.iter().enumerate().map(compared).collect();
+        let row = self.scale.apply(&DMatrix::from_row_slice(1, table.len(), &compared));
         Ok(self.space.coefficients(&row.iter().copied().collect::<Vec<_>>()))
     }
 }
@@ -353,6 +370,18 @@ mod tests {
         for ((_, a), (_, b)) in plain.known.iter().zip(&other.known) {
             assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9));
         }
+    }
+
+    #[test]
+    fn factors_between_stiffnesses_count_and_a_fabric_that_is_not_positive_has_a_place() {
+        let tables: Vec<Vec<f64>> = [10.0, 100.0, 1000.0].map(|stiffness| vec![stiffness, -1.0]).to_vec();
+        let space = FabricSpace::learn(&tables, 1).unwrap();
+        let [low, middle, high] = [0, 1, 2].map(|row| space.components(&tables[row]).unwrap()[0]);
+        assert!(((high - middle) - (middle - low)).abs() < 1e-9, "ten times as stiff is one step");
+        let further = space.components(&[1e4, -1.0]).unwrap()[0];
+        assert!(((further - high) - (high - middle)).abs() < 1e-9);
+        let odd = space.components(&[-5.0, -1.0]).unwrap()[0];
+        assert!(odd.is_finite() && (odd - middle) * (low - middle) > 0.0, "below the softest: {odd}");
     }
 
     #[test]

@@ -16,6 +16,7 @@ use crate::artifacts::clothing_model::{
     ClothingModel, ClothingModelError, read_clothing_model, write_clothing_model,
 };
 use crate::artifacts::dressed_glb::write_dressed_glb;
+use crate::artifacts::journal::Journal;
 use crate::artifacts::motion_clip::MotionClip;
 use crate::artifacts::motion_files::{MotionFileError, read_joint_motion};
 use crate::artifacts::provenance::{Provenance, ProvenanceError};
@@ -270,7 +271,17 @@ pub fn finished_synthesis(
     Ok(text.filter(|_| stage.is_finished(key)).and_then(|text| serde_json::from_str(&text).ok()))
 }
 
-/// Writes a synthesized sequence into its run folder.
+/// The journal of a synthesis: frames that an earlier, killed run with this key has finished, unless `afresh`.
+pub fn synthesis_journal(run: &RunFolder, key: &str, afresh: bool) -> Result<Journal, ClothingModelRunError> {
+    let stage = run.stage(StageName::Synthesize)?;
+    stage.mark_unfinished()?;
+    if afresh {
+        stage.remove(file_names::JOURNAL)?;
+    }
+    Ok(stage.journal(file_names::JOURNAL, key)?)
+}
+
+/// Writes a synthesized sequence into its run folder; its journal is no longer needed.
 pub fn write_synthesis(
     run: &RunFolder,
     source: &ClothingSource,
@@ -305,5 +316,6 @@ pub fn write_synthesis(
         .map_err(|source| RunFolderError::Unusable { path: path.clone(), source })?;
     Provenance::new("synthesize", config, 0)?.write(&stage.file(file_names::PROVENANCE))?;
     stage.mark_finished(&input.key()?)?;
+    stage.remove(file_names::JOURNAL)?;
     Ok(summary)
 }

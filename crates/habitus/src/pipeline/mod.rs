@@ -32,7 +32,8 @@ pub use capture_origin::CaptureOrigin;
 pub use clothing_evaluation::{ClothingEvaluation, EvaluatedClothing};
 pub use clothing_model_run::{
     ClothingModelRunError, ClothingSource, SynthesisInput, SynthesisSummary, finished_synthesis,
-    learn_clothing_files, read_layers, read_motion, synthesized_file_names, write_synthesis,
+    learn_clothing_files, read_layers, read_motion, synthesis_journal, synthesized_file_names,
+    write_synthesis,
 };
 pub use clothing_run::{
     ClothingInput, ClothingRun, ClothingRunError, ClothingSummary, Connectivity, LAYER_FILE, captures_of_fit,

@@ -8,7 +8,8 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::kernel_ridge::{
-    KernelChoice, KernelRidge, KernelRidgeConfig, KernelRidgeError, evenly_spread, misses_of_left_out_blocks,
+    KernelChoice, KernelRidge, KernelRidgeConfig, KernelRidgeError, Samples, evenly_spread,
+    misses_of_left_out_blocks,
 };
 
 /// One part of the output.
@@ -32,40 +33,43 @@ pub struct KernelMixture {
 impl KernelMixture {
     /// Learns one regressor for each pair of a relevance of the inputs and a mixing matrix.
     pub fn learn(
-        inputs: &DMatrix<f64>,
-        targets: &DMatrix<f64>,
+        samples: &Samples<'_>,
         parts: Vec<(Vec<f64>, DMatrix<f64>)>,
         choice: &KernelChoice,
         most_rows: usize,
     ) -> Result<Self, KernelRidgeError> {
-        let kept = evenly_spread(inputs.nrows(), most_rows);
-        let (inputs, targets) = (inputs.select_rows(&kept), targets.select_rows(&kept));
+        let kept = evenly_spread(samples.inputs.nrows(), most_rows);
+        let (inputs, targets) = (samples.inputs.select_rows(&kept), samples.targets.select_rows(&kept));
+        let kept = Samples { inputs: &inputs, targets: &targets, ..*samples };
         let parts: Result<Vec<KernelPart>, KernelRidgeError> = parts
             .into_par_iter()
             .map(|(relevance, mixing)| {
-                let regressor = KernelRidge::learn_with(&inputs, &targets, &relevance, choice)?;
+                let regressor = KernelRidge::learn_with(&kept, &relevance, choice)?;
                 Ok(KernelPart { regressor, mixing })
             })
             .collect();
         Ok(Self { parts: parts?, inputs })
     }
 
-    /// Sum of squared errors on blocks of rows that the mixture was not learnt from; see [`KernelChoice::by_left_out_blocks`].
+    /// Sum of squared errors on rows that the mixture was not learnt from; see [`KernelChoice::by_left_out_blocks`].
     pub fn left_out_error(
-        inputs: &DMatrix<f64>,
-        targets: &DMatrix<f64>,
+        samples: &Samples<'_>,
         parts: &[(Vec<f64>, DMatrix<f64>)],
         choice: &KernelChoice,
         config: &KernelRidgeConfig,
     ) -> Result<f64, KernelRidgeError> {
         // As the mixing matrices sum to the identity, what the mixture misses is the mixture of what its parts miss.
-        let misses: Result<Vec<DMatrix<f64>>, KernelRidgeError> = parts
-            .par_iter()
-            .map(|(relevance, mixing)| {
-                Ok(misses_of_left_out_blocks(inputs, targets, relevance, choice, config)? * mixing)
-            })
-            .collect();
-        Ok(misses?.into_iter().reduce(|sum, part| sum + part).map_or(0.0, |sum| sum.norm_squared()))
+        let of_part = |(relevance, mixing): &(Vec<f64>, DMatrix<f64>)| {
+            let misses = misses_of_left_out_blocks(samples, relevance, choice, config)?;
+            Ok(misses.into_iter().map(|missed| missed * mixing).collect())
+        };
+        let misses: Vec<Vec<DMatrix<f64>>> = parts.par_iter().map(of_part).collect::<Result<_, _>>()?;
+        let mut of_parts = misses.into_iter();
+        let Some(mut sums) = of_parts.next() else { return Ok(0.0) };
+        for part in of_parts {
+            sums.iter_mut().zip(part).for_each(|(sum, missed)| *sum += missed);
+        }
+        Ok(sums.iter().map(DMatrix::norm_squared).sum())
     }
 
     /// Outputs for rows of inputs.
@@ -89,17 +93,18 @@ mod tests {
         let targets = DMatrix::from_fn(30, 2, |row, k| inputs[(row, k)].sin());
         let relevance = [1.0, 0.5, 2.0];
         let config = KernelRidgeConfig::default();
-        let choice = KernelChoice::by_left_out_blocks(&inputs, &targets, &relevance, &config).unwrap();
-        let whole = KernelRidge::learn_with(&inputs, &targets, &relevance, &choice).unwrap();
+        let samples = Samples::of_one_sequence(&inputs, &targets);
+        let choice = KernelChoice::by_left_out_blocks(&samples, &relevance, &config).unwrap();
+        let whole = KernelRidge::learn_with(&samples, &relevance, &choice).unwrap();
         let some = DMatrix::from_row_slice(2, 2, &[0.7, 0.2, 0.2, 0.4]);
         let rest = DMatrix::identity(2, 2) - &some;
         let parts = vec![(relevance.to_vec(), some), (relevance.to_vec(), rest)];
-        let mixture = KernelMixture::learn(&inputs, &targets, parts, &choice, 100).unwrap();
+        let mixture = KernelMixture::learn(&samples, parts, &choice, 100).unwrap();
         assert!((mixture.predict(&inputs) - whole.predict(&inputs)).norm() < 1e-10);
         let some = DMatrix::from_row_slice(2, 2, &[0.7, 0.2, 0.2, 0.4]);
         let rest = DMatrix::identity(2, 2) - &some;
         let parts = [(relevance.to_vec(), some), (relevance.to_vec(), rest)];
-        let error = KernelMixture::left_out_error(&inputs, &targets, &parts, &choice, &config).unwrap();
+        let error = KernelMixture::left_out_error(&samples, &parts, &choice, &config).unwrap();
         assert!((error - choice.left_out_error).abs() < 1e-9 * choice.left_out_error);
     }
 }

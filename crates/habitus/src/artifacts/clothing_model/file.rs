@@ -19,6 +19,8 @@ use crate::statistics::standardization::Standardization;
 
 const FORMAT: &str = "habitus-clothing-model";
 const VERSION: u32 = 1;
+/// Which numbers of a fabric's table are compared by their logarithms: 1, else 0.
+const FABRIC_LOGARITHMS: &str = "fabric_numbers_logarithmic";
 
 /// Why a clothing model cannot be written or read.
 #[derive(Debug, Error)]
@@ -74,8 +76,16 @@ struct Metadata {
 #[derive(Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum RegressorRecord {
-    Network { shape: NetworkShape, members: usize },
-    Kernels { kernels: Vec<Kernel> },
+    Network {
+        shape: NetworkShape,
+        members: usize,
+    },
+    Kernels {
+        kernels: Vec<Kernel>,
+        /// How many of the last inputs the kernels take as controls.
+        #[serde(default)]
+        control_count: usize,
+    },
 }
 
 /// Writes the model.
@@ -103,6 +113,12 @@ pub fn write_clothing_model(path: &Path, model: &ClothingModel) -> Result<(), Cl
     file.add("motion_pose", &[poses.len() / pose_length, pose_length], &poses);
     if let Some(fabrics) = &model.controls.fabrics {
         add_standardization(&mut file, "fabric_numbers_", &fabrics.scale);
+        let is_logarithmic: Vec<f64> = fabrics
+            .is_logarithmic
+            .iter()
+            .map(|is_logarithmic| f64::from(u8::from(*is_logarithmic)))
+            .collect();
+        file.add(FABRIC_LOGARITHMS, &[is_logarithmic.len()], &is_logarithmic);
         fabrics.space.add_to(&mut file, "fabric_");
     }
     match &model.regressor {
@@ -125,7 +141,14 @@ pub fn read_clothing_model(path: &Path) -> Result<ClothingModel, ClothingModelEr
     }
     let fabrics = if metadata.has_fabrics {
         let scale = read_standardization(&mut file, "fabric_numbers_")?;
-        Some(FabricSpace { scale, space: LinearSpace::read_from(&mut file, "fabric_")? })
+        // Models of before this array was written compare the numbers as they are.
+        let mut is_logarithmic = vec![false; scale.width()];
+        if file.contains(FABRIC_LOGARITHMS) {
+            let array = file.floats(FABRIC_LOGARITHMS)?;
+            file.expect_shape(FABRIC_LOGARITHMS, &array, &[Some(scale.width())])?;
+            is_logarithmic = array.values.iter().map(|value| *value > 0.0).collect();
+        }
+        Some(FabricSpace { is_logarithmic, scale, space: LinearSpace::read_from(&mut file, "fabric_")? })
     } else {
         None
     };
@@ -136,8 +159,10 @@ pub fn read_clothing_model(path: &Path) -> Result<ClothingModel, ClothingModelEr
         RegressorRecord::Network { shape, members } => {
             ClothingRegressor::Network(read_network(&mut file, shape, members, sizes)?)
         }
-        RegressorRecord::Kernels { kernels } => {
-            ClothingRegressor::Kernels(read_kernels(&mut file, &kernels, sizes)?)
+        RegressorRecord::Kernels { kernels, control_count } => {
+            // As many controls as the model names, or none: older kernels take them as any other input.
+            let control_count = control_count.min(metadata.controls.len());
+            ClothingRegressor::Kernels(read_kernels(&mut file, &kernels, control_count, sizes)?)
         }
     };
     Ok(ClothingModel {
@@ -190,7 +215,11 @@ impl RegressorRecord {
                 Self::Network { shape: network.shape, members: network.members.len() }
             }
             ClothingRegressor::Kernels(mixture) => {
-                Self::Kernels { kernels: mixture.parts.iter().map(|part| part.regressor.kernel).collect() }
+                let first = mixture.parts.first();
+                Self::Kernels {
+                    kernels: mixture.parts.iter().map(|part| part.regressor.kernel).collect(),
+                    control_count: first.map_or(0, |part| part.regressor.inputs.control_count),
+                }
             }
         }
     }
@@ -259,6 +288,7 @@ fn add_kernels(file: &mut NpzWriter, mixture: &KernelMixture) {
 fn read_kernels(
     file: &mut NpzReader,
     kernels: &[Kernel],
+    control_count: usize,
     (input_count, output_count): (usize, usize),
 ) -> Result<KernelMixture, NpzError> {
     let mut read = |key: &str, shape: &[Option<usize>]| {
@@ -277,7 +307,7 @@ fn read_kernels(
     let kept = DMatrix::from_row_slice(rows, input_count, &kept.values);
     let part = |index: usize| {
         let slice = |values: &'_ [f64], length: usize| values[index * length..(index + 1) * length].to_vec();
-        let scale = InputScale { means: means.clone(), scales: slice(&scales, input_count) };
+        let scale = InputScale { means: means.clone(), scales: slice(&scales, input_count), control_count };
         let regressor = KernelRidge {
             centres: scale.columns(&kept),
             inputs: scale,

@@ -11,7 +11,9 @@ use super::{LearnClothingError, PreparedLayers};
 use crate::artifacts::clothing_model::ClothingRegressor;
 use crate::body::{Feature, FeatureKind, FeatureSet, Skeleton};
 use crate::statistics::kernel_mixture::KernelMixture;
-use crate::statistics::kernel_ridge::{KernelChoice, KernelRidge, KernelRidgeConfig, equal_relevance};
+use crate::statistics::kernel_ridge::{
+    ControlKernel, KernelChoice, KernelRidge, KernelRidgeConfig, Samples, equal_relevance,
+};
 use crate::statistics::nearest_neighbours::NearestNeighbour;
 use crate::statistics::network::NetworkRegressor;
 use crate::statistics::{LinearSpace, RandomStream};
@@ -62,8 +64,8 @@ impl Baseline {
             Self::Mean => DMatrix::from_rows(&vec![amounts.row_mean(); asked.nrows()]),
             Self::Ridge => {
                 let relevance = equal_relevance(features);
-                KernelRidge::learn(features, amounts, &relevance, &KernelRidgeConfig::linear())?
-                    .predict(asked)
+                let samples = Samples::of_one_sequence(features, amounts);
+                KernelRidge::learn(&samples, &relevance, &KernelRidgeConfig::linear())?.predict(asked)
             }
             Self::NearestNeighbour => NearestNeighbour::learn(features, amounts).predict(asked),
         })
@@ -98,9 +100,21 @@ pub(super) fn learn_regressor(
             Ok(ClothingRegressor::Network(network))
         }
         ClothingRecipe::Default => {
-            Ok(ClothingRegressor::Kernels(learn_kernels(prepared, space, &features, &amounts, config)?))
+            let samples = Samples {
+                inputs: &features,
+                targets: &amounts,
+                control_count: prepared.controls.len(),
+                sequences: &sequence_starts(prepared, rows),
+            };
+            Ok(ClothingRegressor::Kernels(learn_kernels(prepared, space, &samples, config)?))
         }
     }
+}
+
+/// Places in `rows` where another sequence begins.
+fn sequence_starts(prepared: &PreparedLayers, rows: &[usize]) -> Vec<usize> {
+    let sequence = |place: usize| prepared.rows[rows[place]].0;
+    (0..rows.len()).filter(|place| *place == 0 || sequence(*place) != sequence(place - 1)).collect()
 }
 
 /// Features whose last `control_count` columns have Gaussian noise (P3 §5.2), so that a handful of fabrics or sizes is not
@@ -153,28 +167,40 @@ impl Relevance {
 
 /// One kernel and one relevance of each kind of input for the whole body, then a regressor for each bone's part of the clothing.
 ///
-/// All of them are chosen by the error on contiguous blocks that are left out of the rows in turn, kind by kind, so that frames
-/// which are set aside have no say.
+/// All of them are chosen, kind by kind, by the error on contiguous blocks that are left out of the rows in turn, and where there
+/// are more than two sequences, on whole sequences that are, too. Frames and sequences which are set aside have no say.
 fn learn_kernels(
     prepared: &PreparedLayers,
     space: &LinearSpace,
-    features: &DMatrix<f64>,
-    amounts: &DMatrix<f64>,
+    samples: &Samples<'_>,
     config: &LearnClothingConfig,
 ) -> Result<KernelMixture, LearnClothingError> {
     let skeleton = &prepared.layers[0].rig.skeleton;
     let described = config.recipe.feature_set().features(skeleton);
-    let spread = equal_relevance(features);
+    let of_controls = control_relevance(prepared, samples.inputs, described.len());
     let of_inputs = |relevance: &Relevance, part: Option<usize>| -> Vec<f64> {
         let motion = described.iter().map(|feature| relevance_of(feature, part, relevance, skeleton));
-        let controls = spread[described.len()..].iter().map(|inverse| config.relevance.control * inverse);
-        motion.chain(controls).collect()
+        motion.chain(of_controls.iter().map(|value| config.relevance.control * value)).collect()
     };
     let choose = |relevance: &Relevance, kernels: &KernelRidgeConfig| {
-        KernelChoice::by_left_out_blocks(features, amounts, &of_inputs(relevance, None), kernels)
+        KernelChoice::by_left_out_blocks(samples, &of_inputs(relevance, None), kernels)
     };
     let mut relevance = Relevance::first(&config.relevance)?;
-    let mut choice = choose(&relevance, &config.kernels)?;
+    let of_controls: &[ControlKernel] =
+        if samples.control_count > 0 { &config.kernels.controls } else { &[] };
+    let mut kernels = config.kernels.clone();
+    let mut choice: Option<KernelChoice> = None;
+    for controls in of_controls {
+        let tried = config.kernels.with_controls(*controls);
+        let found = choose(&relevance, &tried)?;
+        if choice.is_none_or(|choice| found.left_out_error < choice.left_out_error) {
+            (choice, kernels) = (Some(found), tried);
+        }
+    }
+    let mut choice = match choice {
+        Some(choice) => choice,
+        None => choose(&relevance, &kernels)?,
+    };
     let lists = &config.relevance;
     type Place = fn(&mut Relevance) -> &mut f64;
     let kinds: [(&[f64], Place); 4] = [
@@ -185,7 +211,7 @@ fn learn_kernels(
     ];
     for (values, place) in kinds {
         for tried in relevance.with_each(values, place) {
-            let found = choose(&tried, &config.kernels)?;
+            let found = choose(&tried, &kernels)?;
             if found.left_out_error < choice.left_out_error {
                 (choice, relevance) = (found, tried);
             }
@@ -202,12 +228,26 @@ fn learn_kernels(
     let mut best = (f64::INFINITY, parts(&relevance));
     for tried in relevance.with_each(&lists.closeness, |relevance| &mut relevance.closeness) {
         let parts = parts(&tried);
-        let error = KernelMixture::left_out_error(features, amounts, &parts, &choice, &config.kernels)?;
+        let error = KernelMixture::left_out_error(samples, &parts, &choice, &kernels)?;
         if error < best.0 {
             best = (error, parts);
         }
     }
-    Ok(KernelMixture::learn(features, amounts, best.1, &choice, config.kernels.most_rows)?)
+    Ok(KernelMixture::learn(samples, best.1, &choice, kernels.most_rows)?)
+}
+
+/// How much each control counts: in its deviations over the rows; components of fabrics by what they hold of the fabrics' variance,
+/// for the last of them are hardly more than the tables' rounding.
+fn control_relevance(prepared: &PreparedLayers, features: &DMatrix<f64>, motion_width: usize) -> Vec<f64> {
+    let mut relevance = equal_relevance(features).split_off(motion_width);
+    if let Some(fabrics) = &prepared.controls.fabrics {
+        let deviations = fabrics.space.standard_deviations();
+        let largest = deviations.first().copied().unwrap_or(1.0).max(f64::MIN_POSITIVE);
+        for (value, deviation) in relevance.iter_mut().zip(deviations) {
+            *value *= deviation / largest;
+        }
+    }
+    relevance
 }
 
 /// How much a feature counts for a part: less for each joint between them.

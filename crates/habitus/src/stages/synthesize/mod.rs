@@ -11,10 +11,12 @@ mod push_out;
 #[cfg(test)]
 mod tests;
 
+use glam::DVec3;
 use habitus_geometry::MeshError;
 use habitus_optimize::{Event, Flow, Observer};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 pub use config::SynthesizeConfig;
@@ -23,9 +25,10 @@ pub use push_out::{PushOut, body_mesh};
 use crate::artifacts::clothing_layer::{ClothingLayer, pose_offsets};
 use crate::artifacts::clothing_model::ClothingModel;
 use crate::artifacts::fitted_sequence::{FittedFrame, FittedSequence};
+use crate::artifacts::journal::Journal;
 use crate::artifacts::motion_clip::MotionClip;
 use crate::artifacts::rigged_sequence::{FrameRate, RiggedSequence};
-use crate::artifacts::synthesized_sequence::SynthesizedSequence;
+use crate::artifacts::synthesized_sequence::{Penetration, SynthesizedSequence};
 use crate::body::BodyModel;
 
 /// Frames between two events of progress.
@@ -135,24 +138,31 @@ pub fn change_body(
 }
 
 /// P3 §5.1: the offsets of a layer over its body, frame by frame.
+///
+/// The journal keeps frames that were pushed out, so that a killed run goes on where it stopped.
 pub fn replay_layer(
     layer: &ClothingLayer,
     config: &SynthesizeConfig,
+    journal: &mut Journal,
     observer: &mut dyn Observer,
 ) -> Result<SynthesizedSequence, SynthesizeError> {
     let motion = Motion::of_layer(layer);
-    dress(layer, &motion, DMatrix::zeros(motion.poses.len(), 0), config, observer, |frame| {
+    let coefficients = DMatrix::zeros(motion.poses.len(), 0);
+    dress(layer, &motion, coefficients, config, journal, observer, |frame| {
         layer.frame_offsets(frame).to_vec()
     })
 }
 
 /// P3 §5: clothing of a model in a motion; `dressed` is the model's own person or [`change_body`] of it.
+///
+/// The journal keeps frames that were pushed out, so that a killed run goes on where it stopped.
 pub fn synthesize(
     model: &ClothingModel,
     dressed: &ClothingLayer,
     motion: &Motion,
     controls: &[f64],
     config: &SynthesizeConfig,
+    journal: &mut Journal,
     observer: &mut dyn Observer,
 ) -> Result<SynthesizedSequence, SynthesizeError> {
     let needed = dressed.rig.skeleton.pose_length();
@@ -171,7 +181,16 @@ pub fn synthesize(
     let times: Vec<f64> = (0..poses.len()).map(|frame| motion.frame_rate.time_of(frame)).collect();
     let coefficients = model.coefficients(&poses, &times, controls);
     let rows: Vec<Vec<f64>> = coefficients.row_iter().map(|row| row.iter().copied().collect()).collect();
-    dress(dressed, motion, coefficients, config, observer, |frame| model.offsets(&rows[frame]))
+    dress(dressed, motion, coefficients, config, journal, observer, |frame| model.offsets(&rows[frame]))
+}
+
+/// A frame of clothing that was posed and pushed out.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct DressedFrame {
+    /// Vertices in metres. In f32, so that a journal holds exactly what is used.
+    clothing: Vec<[f32; 3]>,
+    /// Before and after the push-out; none if there was none.
+    inside: Option<(Penetration, Penetration)>,
 }
 
 /// Poses offsets over the body and pushes the clothing out of it.
@@ -180,6 +199,7 @@ fn dress(
     motion: &Motion,
     coefficients: DMatrix<f64>,
     config: &SynthesizeConfig,
+    journal: &mut Journal,
     observer: &mut dyn Observer,
     offsets: impl Fn(usize) -> Vec<f32> + Sync,
 ) -> Result<SynthesizedSequence, SynthesizeError> {
@@ -187,41 +207,58 @@ fn dress(
     let anchors = dressed.association.anchors(&dressed.rest_vertices);
     let push_out = PushOut::new(anchors.len(), &dressed.clothing_faces, &config.push_out);
     let body = rigged(dressed, motion);
+    let is_pushed = config.push_out.rounds > 0;
     let frame_of = |frame: usize, hints: &mut Vec<u32>| {
         let carriers =
             skin.carriers(&anchors, &body.posed_skeleton(frame), dressed.association.smallest_stretch);
         let mut clothing = pose_offsets(&carriers, &offsets(frame));
-        if config.push_out.rounds == 0 {
-            return Ok((clothing, None));
+        let mut inside = None;
+        if is_pushed {
+            let surface = body_mesh(body.posed_vertices(frame), &body.rig.faces)
+                .map_err(|source| SynthesizeError::Body { frame, source })?;
+            inside = Some(push_out.apply(&mut clothing, &surface, hints));
         }
-        let surface = body_mesh(body.posed_vertices(frame), &body.rig.faces)
-            .map_err(|source| SynthesizeError::Body { frame, source })?;
-        let inside = push_out.apply(&mut clothing, &surface, hints);
-        Ok((clothing, Some(inside)))
+        let clothing = clothing.iter().map(|vertex| vertex.as_vec3().to_array()).collect();
+        Ok(DressedFrame { clothing, inside })
     };
     let count = motion.poses.len();
-    let mut frames = Vec::with_capacity(count);
     let starts: Vec<usize> = (0..count).step_by(FRAMES_PER_EVENT).collect();
-    for block in starts.chunks(rayon::current_num_threads().max(1)) {
+    let end_of = |start: usize| count.min(start + FRAMES_PER_EVENT);
+    // Whole runs of frames alone: what comes after depends on their hints.
+    let mut runs: Vec<Vec<DressedFrame>> = if is_pushed { journal.finished() } else { Vec::new() };
+    let is_whole = |(run, start): &(&Vec<DressedFrame>, &usize)| {
+        run.len() == end_of(**start) - **start
+            && run.iter().all(|frame| frame.clothing.len() == anchors.len() && frame.inside.is_some())
+    };
+    runs.truncate(runs.iter().zip(&starts).take_while(is_whole).count());
+    for block in starts[runs.len()..].chunks(rayon::current_num_threads().max(1)) {
         // Each run of frames keeps its own hints: where frames are split does not depend on the number of threads.
         let done: Vec<Result<Vec<_>, SynthesizeError>> = block
             .par_iter()
             .map(|start| {
                 let mut hints = Vec::new();
-                (*start..count.min(start + FRAMES_PER_EVENT))
-                    .map(|frame| frame_of(frame, &mut hints))
-                    .collect()
+                (*start..end_of(*start)).map(|frame| frame_of(frame, &mut hints)).collect()
             })
             .collect();
         for run in done {
-            frames.extend(run?);
+            let run = run?;
+            // What takes no time is not worth keeping; a journal that cannot be written costs a repetition, not the result.
+            if is_pushed {
+                let _ = journal.append(&run);
+            }
+            runs.push(run);
         }
-        let progress = Event::Progress { stage: "synthesize", done: frames.len(), total: count };
+        let done = runs.iter().map(Vec::len).sum();
+        let progress = Event::Progress { stage: "synthesize", done, total: count };
         if observer.on_event(&progress) == Flow::Stop {
             return Err(SynthesizeError::Stopped);
         }
     }
-    let (clothing, inside): (Vec<_>, Vec<_>) = frames.into_iter().unzip();
+    let in_metres = |vertices: Vec<[f32; 3]>| -> Vec<DVec3> {
+        vertices.into_iter().map(|place| DVec3::from_array(place.map(f64::from))).collect()
+    };
+    let frames = runs.into_iter().flatten().map(|frame| (in_metres(frame.clothing), frame.inside));
+    let (clothing, inside): (Vec<_>, Vec<_>) = frames.unzip();
     let (before, after) = inside.into_iter().flatten().unzip();
     Ok(SynthesizedSequence {
         body,

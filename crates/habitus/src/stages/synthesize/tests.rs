@@ -9,7 +9,7 @@ use crate::artifacts::clothing_model::{
 use crate::artifacts::fixture::{largest_distance, moving_layer};
 use crate::body::{FeatureSet, fixture};
 use crate::statistics::kernel_mixture::KernelMixture;
-use crate::statistics::kernel_ridge::{KernelChoice, KernelRidgeConfig, equal_relevance};
+use crate::statistics::kernel_ridge::{KernelChoice, KernelRidgeConfig, Samples, equal_relevance};
 use crate::statistics::{LinearSpace, LinearSpaceSettings, SampleMatrix};
 
 fn without_push_out() -> SynthesizeConfig {
@@ -21,7 +21,7 @@ fn the_same_identity_gives_the_captured_clothing_back() {
     let layer = moving_layer(20, 0.0);
     let model = fixture::model();
     let unchanged = change_body(&layer, &model, &layer.identity).unwrap();
-    let replayed = replay_layer(&unchanged, &without_push_out(), &mut Silent).unwrap();
+    let replayed = replay_layer(&unchanged, &without_push_out(), &mut Journal::none(), &mut Silent).unwrap();
     for frame in 0..20 {
         let distance = largest_distance(&replayed.clothing[frame], &layer.clothing_vertices(frame));
         assert!(distance < 1e-5, "frame {frame}: {distance} m");
@@ -35,7 +35,7 @@ fn another_identity_carries_the_clothing_with_it() {
     let larger: Vec<f64> =
         layer.identity.iter().enumerate().map(|(k, c)| if k == 0 { c + 2.0 } else { *c }).collect();
     let changed = change_body(&layer, &model, &larger).unwrap();
-    let sequence = replay_layer(&changed, &without_push_out(), &mut Silent).unwrap();
+    let sequence = replay_layer(&changed, &without_push_out(), &mut Journal::none(), &mut Silent).unwrap();
     // Offsets stay: what moves the clothing is the body under it, blended in the same way.
     let bodies = |layer: &ClothingLayer| {
         let posed = layer.posed_skeleton(3);
@@ -86,9 +86,10 @@ fn model_of_widths() -> ClothingModel {
         *width *= 7.0;
     }
     let config = KernelRidgeConfig::default();
-    let choice = KernelChoice::by_left_out_blocks(&features, &amounts, &relevance, &config).unwrap();
+    let samples = Samples::of_one_sequence(&features, &amounts);
+    let choice = KernelChoice::by_left_out_blocks(&samples, &relevance, &config).unwrap();
     let whole = DMatrix::identity(amounts.ncols(), amounts.ncols());
-    let kernels = KernelMixture::learn(&features, &amounts, vec![(relevance, whole)], &choice, 500).unwrap();
+    let kernels = KernelMixture::learn(&samples, vec![(relevance, whole)], &choice, 500).unwrap();
     let mut dressed = layers[0].clone();
     dressed.frames.clear();
     dressed.offsets.clear();
@@ -110,8 +111,16 @@ fn a_larger_size_makes_the_clothing_wider_monotonically() {
     let mean_width = |width: f64| {
         let mut controls = model.controls.defaults();
         model.controls.set(&mut controls, "width", width).unwrap();
-        let sequence =
-            synthesize(&model, &model.dressed, &motion, &controls, &without_push_out(), &mut Silent).unwrap();
+        let sequence = synthesize(
+            &model,
+            &model.dressed,
+            &motion,
+            &controls,
+            &without_push_out(),
+            &mut Journal::none(),
+            &mut Silent,
+        )
+        .unwrap();
         let body = sequence.body.posed_vertices(5);
         let widths = sequence.clothing[5].iter().zip(&body).map(|(clothing, body)| clothing.distance(*body));
         widths.sum::<f64>() / body.len() as f64
@@ -126,10 +135,12 @@ fn motions_and_controls_that_do_not_fit_are_refused() {
     let model = model_of_widths();
     let mut motion = Motion::of_layer(&moving_layer(4, 0.0));
     let config = without_push_out();
-    let no_controls = synthesize(&model, &model.dressed, &motion, &[], &config, &mut Silent);
+    let no_controls =
+        synthesize(&model, &model.dressed, &motion, &[], &config, &mut Journal::none(), &mut Silent);
     assert!(matches!(no_controls, Err(SynthesizeError::Controls { found: 0, needed: 1 })));
     motion.poses[2].pop();
-    let broken = synthesize(&model, &model.dressed, &motion, &[0.0], &config, &mut Silent);
+    let broken =
+        synthesize(&model, &model.dressed, &motion, &[0.0], &config, &mut Journal::none(), &mut Silent);
     assert!(matches!(broken, Err(SynthesizeError::Motion { .. })));
     let other = fixture::model_with_segments(8);
     let refused = change_body(&model.dressed, &other, &[0.0]);
@@ -139,7 +150,45 @@ fn motions_and_controls_that_do_not_fit_are_refused() {
 #[test]
 fn threads_do_not_change_the_result() {
     let layer = moving_layer(20, 0.0);
-    let run = || replay_layer(&layer, &SynthesizeConfig::default(), &mut Silent).unwrap();
+    let run =
+        || replay_layer(&layer, &SynthesizeConfig::default(), &mut Journal::none(), &mut Silent).unwrap();
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(run);
     assert_eq!(one, run());
+}
+
+/// Hears how many frames are done, and stops after some.
+struct Watch {
+    done: Vec<usize>,
+    stop_at: usize,
+}
+
+impl Observer for Watch {
+    fn on_event(&mut self, event: &Event) -> Flow {
+        if let Event::Progress { done, .. } = event {
+            self.done.push(*done);
+        }
+        if self.done.last().is_some_and(|done| *done >= self.stop_at) { Flow::Stop } else { Flow::Continue }
+    }
+}
+
+#[test]
+fn a_killed_synthesis_goes_on_where_it_stopped() {
+    let layer = moving_layer(40, 0.0);
+    let config = SynthesizeConfig::default();
+    let fresh = replay_layer(&layer, &config, &mut Journal::none(), &mut Silent).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("journal");
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let mut run = |stop_at: usize| {
+        let mut watch = Watch { done: Vec::new(), stop_at };
+        let mut journal = Journal::open(&path, "key").unwrap();
+        let made = pool.install(|| replay_layer(&layer, &config, &mut journal, &mut watch));
+        (made, watch.done)
+    };
+    let (killed, done) = run(16);
+    assert!(matches!(killed, Err(SynthesizeError::Stopped)));
+    assert_eq!(done, [8, 16]);
+    let (resumed, done) = run(usize::MAX);
+    assert_eq!(done, [24, 32, 40], "what was finished is not done again");
+    assert_eq!(resumed.unwrap(), fresh, "the same to the bit");
 }
