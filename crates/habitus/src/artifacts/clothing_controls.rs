@@ -121,6 +121,8 @@ impl ParameterTable {
 /// A fabric table in few numbers: each number standardised over the fabrics, then principal components. Without
 /// standardising, the two stiffest fabrics are all that the components see. Stiffness and rigidity span decades: what is
 /// positive in all fabrics is compared by its logarithm, so that a fabric beyond the others is not far beyond them.
+///
+/// Deviation: P3 §5.2 names neither; see book/src/deviations.md.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FabricSpace {
     /// Which numbers are compared by their logarithms.

@@ -53,7 +53,7 @@ pub struct RelevanceConfig {
     pub velocity: Vec<f64>,
     /// Of the root's angular velocity, seconds.
     pub turn: Vec<f64>,
-    /// Of a control's standard deviation over the sequences, radians.
+    /// Of a control's standard deviation over the sequences, radians; it counts only where `kernels.controls` is empty.
     pub control: f64,
 }
 
