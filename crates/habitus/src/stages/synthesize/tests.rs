@@ -179,7 +179,7 @@ fn a_killed_synthesis_goes_on_where_it_stopped() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("journal");
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let mut run = |stop_at: usize| {
+    let run = |stop_at: usize| {
         let mut watch = Watch { done: Vec::new(), stop_at };
         let mut journal = Journal::open(&path, "key").unwrap();
         let made = pool.install(|| replay_layer(&layer, &config, &mut journal, &mut watch));
