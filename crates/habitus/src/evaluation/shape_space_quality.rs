@@ -171,7 +171,8 @@ pub fn compactness(space: &LinearSpace, components: &[usize]) -> Vec<f64> {
     components
         .iter()
         .map(|count| {
-            variances.iter().take(*count).sum::<f64>() / space.total_variance().max(f64::MIN_POSITIVE)
+            variances.iter().take(*count).fold(0.0, |sum, variance| sum + variance)
+                / space.total_variance().max(f64::MIN_POSITIVE)
         })
         .collect()
 }

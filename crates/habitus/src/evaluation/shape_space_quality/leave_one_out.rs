@@ -4,6 +4,8 @@
 //! samples. They are formed once. A fold then aligns its training samples among themselves (the left-out body takes no
 //! part), takes the components from its own matrix of products, and touches vertices once, for the residuals.
 
+use std::ops::Range;
+
 use glam::{DMat3, DVec3};
 use habitus_geometry::best_rotation;
 use habitus_optimize::{map_chunks, symmetric_eigen};
@@ -30,6 +32,9 @@ pub struct Fold {
     /// The training samples.
     pub training: Vec<usize>,
 }
+
+/// Vertices that are turned at a time: of a thousand samples they fit into a cache.
+const TURNED_VERTICES: usize = 64;
 
 /// Samples with the products of all pairs.
 pub struct CrossValidation {
@@ -199,47 +204,47 @@ impl CrossValidation {
         test_turn: DMat3,
         weights: &DMatrix<f64>,
     ) -> Vec<f64> {
-        const ROWS: usize = 256;
-        let width = weights.ncols();
-        // Over all samples, so that the vertices need not be gathered, unless the fold uses few of them.
-        let is_gathered = 2 * fold.training.len() < self.count;
-        let gathered;
-        let (columns, place_of): (_, Vec<usize>) = if is_gathered {
-            let mut used: Vec<usize> = fold.training.clone();
-            used.push(fold.test);
-            let indices: Vec<usize> = used.iter().flat_map(|s| [3 * s, 3 * s + 1, 3 * s + 2]).collect();
-            gathered = self.columns.subset(&indices);
-            (&gathered, (0..used.len()).collect())
-        } else {
-            (&self.columns, fold.training.iter().copied().chain([fold.test]).collect())
-        };
-        let mut combination = DMatrix::zeros(columns.len(), 3 * width);
-        let mut set = |sample: usize, turn: DMat3, factor: &dyn Fn(usize) -> f64| {
-            for place in 0..width {
-                for axis in 0..3 {
-                    for source in 0..3 {
-                        combination[(3 * sample + source, 3 * place + axis)] +=
-                            factor(place) * turn.col(source)[axis];
-                    }
-                }
+        let mut sums = vec![0.0; weights.ncols()];
+        // Turned once, samples serve all numbers of components.
+        let mut turned: [_; 3] = std::array::from_fn(|_| DMatrix::zeros(TURNED_VERTICES, turns.len()));
+        let mut residuals: [_; 3] = std::array::from_fn(|_| DMatrix::zeros(TURNED_VERTICES, weights.ncols()));
+        for start in (0..self.vertex_count).step_by(TURNED_VERTICES) {
+            let vertices = start..(start + TURNED_VERTICES).min(self.vertex_count);
+            let rows = vertices.len();
+            let [x, y, z] =
+                turned.each_mut().map(|block| block.as_mut_slice().chunks_exact_mut(TURNED_VERTICES));
+            for (((sample, turn), x), (y, z)) in fold.training.iter().zip(turns).zip(x).zip(y.zip(z)) {
+                self.turn_vertices(*sample, turn, vertices.clone(), [x, y, z]);
             }
-        };
-        for (row, turn) in turns.iter().enumerate() {
-            set(place_of[row], *turn, &|place| -weights[(row, place)]);
-        }
-        set(place_of[turns.len()], test_turn, &|_| 1.0);
-        let mut sums = vec![0.0; width];
-        let view = columns.columns();
-        for start in (0..self.vertex_count).step_by(ROWS) {
-            let residuals = view.rows_range(start..(start + ROWS).min(self.vertex_count)) * &combination;
+            let mut test = [[0.0; TURNED_VERTICES]; 3];
+            self.turn_vertices(
+                fold.test,
+                &test_turn,
+                vertices,
+                test.each_mut().map(|axis| axis.as_mut_slice()),
+            );
+            for ((residual, turned), test) in residuals.iter_mut().zip(&turned).zip(&test) {
+                residual.column_iter_mut().for_each(|mut column| column.copy_from_slice(test));
+                residual.gemm(-1.0, turned, weights, 1.0);
+            }
             for (place, sum) in sums.iter_mut().enumerate() {
-                let [x, y, z] = [0, 1, 2].map(|axis| residuals.column(3 * place + axis));
-                for ((x, y), z) in x.iter().zip(y.iter()).zip(z.iter()) {
+                let [x, y, z] = [0, 1, 2].map(|axis| residuals[axis].column(place));
+                for ((x, y), z) in x.iter().zip(y.iter()).zip(z.iter()).take(rows) {
                     *sum += (x * x + y * y + z * z).sqrt();
                 }
             }
         }
         sums.iter().map(|sum| sum / self.vertex_count as f64).collect()
+    }
+
+    /// Writes the coordinates of these vertices of a sample after its turn.
+    fn turn_vertices(&self, sample: usize, turn: &DMat3, vertices: Range<usize>, targets: [&mut [f64]; 3]) {
+        let [x, y, z] = [0, 1, 2].map(|axis| &self.columns.sample(3 * sample + axis)[vertices.clone()]);
+        let [to_x, to_y, to_z] = targets.map(|target| &mut target[..vertices.len()]);
+        for (k, ((x, y), z)) in x.iter().zip(y).zip(z).enumerate() {
+            let turned = turn.x_axis * *x + turn.y_axis * *y + turn.z_axis * *z;
+            (to_x[k], to_y[k], to_z[k]) = (turned.x, turned.y, turned.z);
+        }
     }
 }
 

@@ -1,8 +1,11 @@
 //! Specificity: how far random bodies of a space are from the nearest real one (P1 §5.1), exactly and without comparing
 //! all vertices of all pairs.
 //!
-//! The mean vertex distance of two bodies is at least the mean distance of the centres of small groups of vertices
-//! (triangle inequality). Most training bodies are ruled out by that bound; the others are compared in full.
+//! The mean vertex distance of two bodies is at least the mean distance of the centres of groups of vertices (triangle
+//! inequality). Most training bodies are ruled out by the bound of a few large groups, most others by that of many small
+//! ones; the rest are compared in full.
+
+use std::ops::Range;
 
 use glam::DVec3;
 use habitus_optimize::map_chunks;
@@ -12,8 +15,8 @@ use crate::statistics::{LinearSpace, RandomStream, SampleMatrix};
 
 /// Sums that run side by side, so that loops are vectorised.
 const LANES: usize = 8;
-/// Halvings of the vertices into groups: 128 groups.
-const HALVINGS: usize = 7;
+/// Halvings of the vertices into large and into small groups: 16 and 128 of them, both multiples of the lanes.
+const HALVINGS: [usize; 2] = [4, 7];
 /// Random bodies that one thread draws at a time.
 const CHUNK: usize = 32;
 /// The bound is computed in f32: this much is taken off before it rules a body out.
@@ -56,14 +59,16 @@ impl Planes {
         }))
     }
 
-    /// Centres of consecutive groups of vertices.
-    fn group_centres(&self, groups: &[std::ops::Range<usize>]) -> Self {
+    /// Centres of consecutive groups of vertices, padded to whole lanes.
+    fn group_centres(&self, groups: &[Range<usize>]) -> Self {
         Self(std::array::from_fn(|axis| {
-            let centre = |group: &std::ops::Range<usize>| {
+            let centre = |group: &Range<usize>| {
                 let sum: f64 = self.0[axis][group.clone()].iter().map(|value| f64::from(*value)).sum();
                 (sum / group.len() as f64) as f32
             };
-            groups.iter().map(centre).collect()
+            let mut centres: Vec<f32> = groups.iter().map(centre).collect();
+            centres.resize(padded(centres.len()), 0.0);
+            centres
         }))
     }
 
@@ -74,23 +79,44 @@ impl Planes {
     }
 }
 
+/// The centres of groups of vertices of a space and of training bodies.
+struct Groups {
+    mean: Planes,
+    basis: Vec<Planes>,
+    training: Vec<Planes>,
+    /// Share of the vertices that each group holds.
+    shares: Vec<f32>,
+}
+
+impl Groups {
+    fn new(ranges: &[Range<usize>], mean: &Planes, basis: &[Planes], training: &[Planes]) -> Self {
+        let centres = |bodies: &[Planes]| bodies.iter().map(|body| body.group_centres(ranges)).collect();
+        let count = mean.0[0].len().max(1) as f32;
+        let mut shares: Vec<f32> = ranges.iter().map(|group| group.len() as f32 / count).collect();
+        shares.resize(padded(shares.len()), 0.0);
+        Self { mean: mean.group_centres(ranges), basis: centres(basis), training: centres(training), shares }
+    }
+
+    /// What the distance of a body to a training body is at least, metres.
+    fn bound(&self, body: &Planes, training: usize) -> f64 {
+        f64::from(weighted_distance(body, &self.training[training], &self.shares) - SLACK)
+    }
+}
+
 /// A space and training bodies, prepared for many searches.
 struct NearestBody {
     deviations: Vec<f32>,
     mean: Planes,
-    mean_groups: Planes,
     basis: Vec<Planes>,
-    basis_groups: Vec<Planes>,
     training: Vec<Planes>,
-    training_groups: Vec<Planes>,
-    /// Share of the vertices that each group holds.
-    shares: Vec<f32>,
+    large_groups: Groups,
+    small_groups: Groups,
 }
 
 impl NearestBody {
     fn new(space: &LinearSpace, training: &SampleMatrix) -> Self {
         let points: Vec<DVec3> = space.mean().chunks_exact(3).map(DVec3::from_slice).collect();
-        let (order, groups) = spatial_groups(&points);
+        let (order, [large, small]) = spatial_groups(&points);
         let planes = |stacked: &[f64]| Planes::of(stacked, &order);
         let mean = planes(space.mean());
         let basis: Vec<Planes> =
@@ -98,10 +124,8 @@ impl NearestBody {
         let training: Vec<Planes> = training.samples().map(planes).collect();
         Self {
             deviations: space.standard_deviations().iter().map(|deviation| *deviation as f32).collect(),
-            mean_groups: mean.group_centres(&groups),
-            basis_groups: basis.iter().map(|body| body.group_centres(&groups)).collect(),
-            training_groups: training.iter().map(|body| body.group_centres(&groups)).collect(),
-            shares: groups.iter().map(|group| group.len() as f32 / points.len() as f32).collect(),
+            large_groups: Groups::new(&large, &mean, &basis, &training),
+            small_groups: Groups::new(&small, &mean, &basis, &training),
             mean,
             basis,
             training,
@@ -110,53 +134,64 @@ impl NearestBody {
 
     /// Distance in metres to the nearest training body for each number of components.
     fn distances(&self, coefficients: &[f64], components: &[usize]) -> Vec<f64> {
-        let (mut body, mut groups) = (self.mean.clone(), self.mean_groups.clone());
+        let mut bodies = [self.mean.clone(), self.large_groups.mean.clone(), self.small_groups.mean.clone()];
         let mut done = 0;
+        let mut nearest = 0;
         components
             .iter()
             .map(|wanted| {
                 let new = done..(*wanted).min(self.basis.len()).max(done);
                 for (amount, component) in coefficients[new.clone()].iter().zip(new) {
                     let amount = *amount as f32 * self.deviations[component];
-                    body.add(amount, &self.basis[component]);
-                    groups.add(amount, &self.basis_groups[component]);
+                    let parts = [&self.basis, &self.large_groups.basis, &self.small_groups.basis];
+                    bodies
+                        .iter_mut()
+                        .zip(parts)
+                        .for_each(|(body, basis)| body.add(amount, &basis[component]));
                 }
                 done = *wanted;
-                self.nearest(&body, &groups)
+                let found = self.nearest(&bodies, nearest);
+                nearest = found.1;
+                found.0
             })
             .collect()
     }
 
-    fn nearest(&self, body: &Planes, groups: &Planes) -> f64 {
-        let mut bounds: Vec<(f32, usize)> = self
-            .training_groups
-            .iter()
-            .enumerate()
-            .map(|(index, other)| (weighted_distance(groups, other, &self.shares) - SLACK, index))
+    /// Distance to the nearest training body, and which it is; the closer the guess, the fewer are compared.
+    fn nearest(&self, [body, large_groups, small_groups]: &[Planes; 3], guess: usize) -> (f64, usize) {
+        let guessed = self.training.get(guess).map_or(f64::INFINITY, |other| mean_distance(body, other));
+        let mut best = (guessed, guess);
+        let mut left: Vec<(f64, usize)> = (0..self.training.len())
+            .map(|index| (self.large_groups.bound(large_groups, index), index))
+            .filter(|(bound, _)| *bound < best.0)
             .collect();
-        bounds.sort_by(|left, right| left.0.total_cmp(&right.0));
-        let mut best = f64::INFINITY;
-        for (bound, index) in bounds {
-            if f64::from(bound) >= best {
+        left.iter_mut().for_each(|(bound, index)| *bound = self.small_groups.bound(small_groups, *index));
+        left.sort_unstable_by(|left, right| left.0.total_cmp(&right.0).then(left.1.cmp(&right.1)));
+        for (bound, index) in left {
+            if bound >= best.0 {
                 break;
             }
-            best = best.min(mean_distance(body, &self.training[index]));
+            let distance = mean_distance(body, &self.training[index]);
+            if distance < best.0 {
+                best = (distance, index);
+            }
         }
         best
     }
 }
 
-/// `Σ share · distance` of corresponding points.
+/// The next multiple of the lanes.
+fn padded(length: usize) -> usize {
+    length.next_multiple_of(LANES)
+}
+
+/// `Σ share · distance` of corresponding points; all lists are padded to whole lanes.
 fn weighted_distance(left: &Planes, right: &Planes, shares: &[f32]) -> f32 {
     let mut lanes = [0.0_f32; LANES];
-    let planes = |body: &Planes, axis: usize, start: usize| -> [f32; LANES] {
-        std::array::from_fn(|lane| body.0[axis].get(start + lane).copied().unwrap_or(0.0))
-    };
-    for start in (0..shares.len()).step_by(LANES) {
-        let share: [f32; LANES] =
-            std::array::from_fn(|lane| shares.get(start + lane).copied().unwrap_or(0.0));
-        let [lx, ly, lz] = [0, 1, 2].map(|axis| planes(left, axis, start));
-        let [rx, ry, rz] = [0, 1, 2].map(|axis| planes(right, axis, start));
+    let [left, right] = [left, right].map(|body| body.0.each_ref().map(|plane| plane.chunks_exact(LANES)));
+    let [[lx, ly, lz], [rx, ry, rz]] = [left, right];
+    let pairs = lx.zip(ly).zip(lz).zip(rx.zip(ry).zip(rz));
+    for (share, (((lx, ly), lz), ((rx, ry), rz))) in shares.chunks_exact(LANES).zip(pairs) {
         for lane in 0..LANES {
             let (x, y, z) = (lx[lane] - rx[lane], ly[lane] - ry[lane], lz[lane] - rz[lane]);
             lanes[lane] += share[lane] * (x * x + y * y + z * z).sqrt();
@@ -192,11 +227,16 @@ fn mean_distance(left: &Planes, right: &Planes) -> f64 {
     sum / count.max(1) as f64
 }
 
-/// An order of the vertices in which groups of neighbours are consecutive: the longest side of each box is halved.
-fn spatial_groups(points: &[DVec3]) -> (Vec<u32>, Vec<std::ops::Range<usize>>) {
+/// An order of the vertices in which large and small groups of neighbours are consecutive: the longest side of each box is
+/// halved.
+fn spatial_groups(points: &[DVec3]) -> (Vec<u32>, [Vec<Range<usize>>; 2]) {
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
     let mut groups: Vec<_> = std::iter::once(0..points.len()).collect();
-    for _ in 0..HALVINGS {
+    let mut large = groups.clone();
+    for halving in 0..HALVINGS[1] {
+        if halving == HALVINGS[0] {
+            large.clone_from(&groups);
+        }
         let mut halves = Vec::with_capacity(2 * groups.len());
         for group in groups {
             if group.len() < 2 {
@@ -226,5 +266,5 @@ fn spatial_groups(points: &[DVec3]) -> (Vec<u32>, Vec<std::ops::Range<usize>>) {
         }
         groups = halves;
     }
-    (order, groups)
+    (order, [large, groups])
 }
