@@ -76,6 +76,8 @@ const SUBJECTS: [&str; 6] = ["female_04", "female_02", "female_06", "male_07", "
 const MOTIONS: [Motion; 3] = [Motion::Walk, Motion::TurnOnSpot, Motion::KneePulls];
 /// P2 §6.1: 68 cameras.
 const CAMERA_COUNT: usize = 68;
+/// Voxels of visual hulls, millimetres: wider ones lose fingers and toes, so that a true body would lie outside its hull.
+const HULL_VOXEL_MM: f64 = 8.0;
 /// Name of the list of sequences in the benchmark's folder.
 pub const INDEX_FILE: &str = "benchmark.json";
 
@@ -145,6 +147,7 @@ fn settings(size: SetSize, style: Style, mode: CaptureMode, is_woman: bool) -> D
     let mut capture = CaptureSettings { mode, ..CaptureSettings::default() };
     if mode == CaptureMode::VisualHull {
         capture.camera_count = CAMERA_COUNT;
+        capture.voxel_mm = HULL_VOXEL_MM;
     }
     let mut settings = DressedSequenceSettings { outfit, garment, capture, frame_count: 120, ..defaults };
     if size == SetSize::Small {
@@ -154,7 +157,7 @@ fn settings(size: SetSize, style: Style, mode: CaptureMode, is_woman: bool) -> D
         settings.settle_seconds = 0.7;
         settings.garment.cloth_edge_mm = 30.0;
         settings.cloth.substeps_per_second = 900.0;
-        settings.capture.voxel_mm = 20.0;
+        settings.capture.voxel_mm = 12.0;
         settings.capture.image_height = 360;
         settings.capture.camera_count = settings.capture.camera_count.min(34);
     }

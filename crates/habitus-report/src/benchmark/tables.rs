@@ -8,12 +8,14 @@ use crate::shape_space::Table;
 /// A column: its head and where its number comes from.
 type Column = (&'static str, fn(&SequenceMetrics) -> Option<f64>);
 
-const ACCURACY: [Column; 11] = [
+const ACCURACY: [Column; 13] = [
     ("frames", |metrics| Some(metrics.frames as f64)),
     ("posed mm", |metrics| Some(metrics.posed_mean_mm)),
     ("posed p95 mm", |metrics| Some(metrics.posed_p95_mm)),
     ("rest mm", |metrics| Some(metrics.rest_mean_mm)),
     ("rest < 10 mm, %", |metrics| Some(100.0 * metrics.rest_under_10mm)),
+    ("rest, aligned mm", |metrics| Some(metrics.rest_aligned_mean_mm)),
+    ("< 10 mm, %", |metrics| Some(100.0 * metrics.rest_aligned_under_10mm)),
     ("joints mm", |metrics| Some(metrics.mpjpe_mm)),
     ("landmarks mm", |metrics| metrics.landmark_mm),
     ("girths mm", |metrics| Some(metrics.girth_mean_error_mm)),

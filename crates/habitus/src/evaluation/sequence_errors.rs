@@ -8,6 +8,7 @@ use super::sequence_accuracy::{AccuracyError, SequenceAccuracy, SequenceTruth, j
 use crate::artifacts::codes::Code;
 use crate::artifacts::measurements::{Measurement, Quantity};
 use crate::artifacts::rigged_sequence::RiggedSequence;
+use crate::statistics::align_to;
 
 /// What is known of a sequence besides its truth.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -67,6 +68,8 @@ pub struct SequenceErrors {
     pub frames: Vec<FrameErrors>,
     /// Distance of each vertex of the rest bodies, root joints brought together.
     pub rest_mm: Vec<f64>,
+    /// The same once the fitted rest body is turned and moved best onto the true one: what is left is shape alone.
+    pub rest_aligned_mm: Vec<f64>,
     /// The fitted rest body with its root joint at the origin, metres: P2's own protocol compares these.
     pub rest_body: Vec<DVec3>,
     /// Measurements with a stated uncertainty.
@@ -117,9 +120,23 @@ pub fn sequence_errors(
     };
     let rest_body = at_origin(&sequence.rest_vertices, &sequence.rest_joints);
     let rest_mm = distances_mm(&rest_body, &at_origin(&truth.rest_vertices, &truth.rest_joints));
+    let mut aligned: Vec<f64> = sequence.rest_vertices.iter().flat_map(|vertex| vertex.to_array()).collect();
+    align_to(&mut aligned, &truth.rest_vertices);
+    let aligned: Vec<DVec3> = aligned.chunks_exact(3).map(DVec3::from_slice).collect();
+    let rest_aligned_mm = distances_mm(&aligned, &truth.rest_vertices);
     let jitter_mm = [&joints[0], &joints[1]].map(|joints| jitter(joints) * 1000.0);
     let measurements = measurement_errors(measurements);
-    Ok(SequenceErrors { label, accuracy, posed, frames, rest_mm, rest_body, measurements, jitter_mm })
+    Ok(SequenceErrors {
+        label,
+        accuracy,
+        posed,
+        frames,
+        rest_mm,
+        rest_aligned_mm,
+        rest_body,
+        measurements,
+        jitter_mm,
+    })
 }
 
 /// Distances of corresponding points; as many as both have.

@@ -69,6 +69,10 @@ pub struct SequenceMetrics {
     pub rest_mean_mm: f64,
     /// Share of these distances below 10 mm.
     pub rest_under_10mm: f64,
+    /// Mean distance between corresponding vertices of the rest bodies after the best rigid alignment.
+    pub rest_aligned_mean_mm: f64,
+    /// Share of these distances below 10 mm.
+    pub rest_aligned_under_10mm: f64,
     /// Mean distance between corresponding joints.
     pub mpjpe_mm: f64,
     /// Mean distance between landmark vertices and the true ones; none where the truth has no landmarks.
@@ -188,6 +192,7 @@ fn metrics(
     let mut posed = Distribution::default();
     chosen.iter().for_each(|errors| posed.merge(&errors.posed));
     let rest: Vec<f64> = chosen.iter().flat_map(|errors| errors.rest_mm.iter().copied()).collect();
+    let aligned: Vec<f64> = chosen.iter().flat_map(|errors| errors.rest_aligned_mm.iter().copied()).collect();
     let of_sequences =
         |value: fn(&SequenceErrors) -> f64| mean(&chosen.iter().map(|e| value(e)).collect::<Vec<_>>());
     let share = |is: &dyn Fn(&super::sequence_errors::FrameErrors) -> bool| {
@@ -205,6 +210,8 @@ fn metrics(
         posed_p95_mm: posed.percentile(0.95),
         rest_mean_mm: mean(&rest),
         rest_under_10mm: under_10mm(&rest),
+        rest_aligned_mean_mm: mean(&aligned),
+        rest_aligned_under_10mm: under_10mm(&aligned),
         mpjpe_mm: mean(&frames.iter().map(|frame| frame.mpjpe_mm).collect::<Vec<_>>()),
         landmark_mm: (!landmarks.is_empty()).then(|| mean(&landmarks)),
         girth_mean_error_mm: of_sequences(|errors| errors.accuracy.girth_mean_error_mm),

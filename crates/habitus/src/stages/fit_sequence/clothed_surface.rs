@@ -23,12 +23,23 @@ pub(super) fn robust_energy(distance_squared: f64, scale: f64) -> f64 {
     scale * scale * distance_squared / (scale * scale + distance_squared)
 }
 
+/// How a covered vertex is drawn to the capture from within.
+#[derive(Clone, Copy)]
+pub(super) struct Inside {
+    /// Weight before the robust kernel.
+    pub weight: f64,
+    /// Geman–McClure scale, metres.
+    pub scale: f64,
+    /// How far below the capture the vertex belongs, metres.
+    pub gap: f64,
+}
+
 /// Makes a pair one-sided: sets its weight and, beyond the tolerance outside, moves its target out by the tolerance, so
 /// that the noise of the capture does not push the body in. Returns the pair's robust energy in square metres.
 pub(super) fn weigh_one_sided(
     pair: &mut Correspondence,
     part: PartLabel,
-    inside: (f64, f64),
+    inside: Inside,
     config: &SurfaceConfig,
 ) -> f64 {
     let beyond = pair.signed_distance - config.outside_tolerance;
@@ -38,7 +49,8 @@ pub(super) fn weigh_one_sided(
     } else if part.is_bare() {
         (pair.signed_distance, config.bare_weight, config.bare_scale)
     } else {
-        (pair.signed_distance, inside.0, inside.1)
+        pair.target -= pair.normal * inside.gap;
+        (pair.signed_distance + inside.gap, inside.weight, inside.scale)
     };
     let squared = distance * distance;
     // Fingers that stick out of a fist are pulled in, but say nothing against the pose: a hand that has gone astray
@@ -67,7 +79,7 @@ pub(super) fn clothed_pairs(
     config: &SurfaceConfig,
 ) -> ClothedPairs {
     let mut pairs = field.correspondences(vertices, normals, &config.compatibility);
-    let inside = (config.inside_weight, config.inside_scale);
+    let inside = Inside { weight: config.inside_weight, scale: config.inside_scale, gap: 0.0 };
     let mut energy = 0.0;
     for pair in &mut pairs {
         energy += weigh_one_sided(pair, level.parts[pair.vertex as usize], inside, config);
@@ -215,8 +227,9 @@ mod tests {
     fn a_finger_outside_pulls_like_a_hand_and_costs_like_any_vertex() {
         let config = SurfaceConfig::default();
         let (mut finger, mut toe) = (pair(0.03), pair(0.03));
-        let costs = [(&mut finger, PartLabel::Hand), (&mut toe, PartLabel::Foot)]
-            .map(|(pair, part)| weigh_one_sided(pair, part, (0.1, 0.03), &config));
+        let costs = [(&mut finger, PartLabel::Hand), (&mut toe, PartLabel::Foot)].map(|(pair, part)| {
+            weigh_one_sided(pair, part, Inside { weight: 0.1, scale: 0.03, gap: 0.0 }, &config)
+        });
         assert_eq!(costs[0], costs[1]);
         let ratio = config.hand_outside_weight / config.outside_weight;
         assert!((finger.weight / toe.weight - ratio).abs() < 1e-12);

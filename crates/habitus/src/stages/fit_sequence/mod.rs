@@ -6,6 +6,7 @@
 
 mod body_levels;
 mod captured_frame;
+mod clearances;
 mod clothed_surface;
 pub mod config;
 mod frame_codes;
@@ -294,7 +295,7 @@ impl<'a> Stage<'a> {
         observer: &mut dyn Observer,
     ) -> Result<(), FitSequenceError> {
         let mut poses = tracked.to_vec();
-        let mut clearance: Option<Vec<f64>> = None;
+        let mut clearances = None;
         let captures = KeptCaptures::new(self, track.orientation.fit_from_input, LimbSearch::Unneeded);
         for pass in 0..passes {
             progress(observer, "refine", pass, passes + 1)?;
@@ -308,14 +309,14 @@ impl<'a> Stage<'a> {
                 &mut poses,
                 &prior,
                 &Contact {
-                    earlier_clearance: clearance.as_deref(),
+                    earlier: clearances.as_ref(),
                     scale: self.config.refine.contact_scale(pass, passes),
                 },
                 &self.config.refine,
             )?;
             track.identity = step.identity;
             track.covariance = step.covariance;
-            clearance = Some(step.smallest_clearance);
+            clearances = Some(step.clearances);
             observer.on_event(&Event::Round {
                 name: "refine",
                 index: pass,

@@ -12,7 +12,8 @@ use rayon::prelude::*;
 
 use super::FitSequenceError;
 use super::captured_frame::CapturedFrame;
-use super::clothed_surface::{bare_capture_pairs, weigh_one_sided};
+use super::clearances::Clearances;
+use super::clothed_surface::{Inside, bare_capture_pairs, weigh_one_sided};
 use super::config::RefineConfig;
 use super::pose_solver::{PosePrior, PoseSolver};
 use crate::body::{IdentityCoefficients, ROOT_LENGTH};
@@ -36,8 +37,8 @@ struct FrameShare {
 
 /// How covered vertices are drawn to the cloth in a pass.
 pub(super) struct Contact<'a> {
-    /// Smallest clearance of each vertex in the pass before, in metres.
-    pub earlier_clearance: Option<&'a [f64]>,
+    /// What the pass before saw.
+    pub earlier: Option<&'a Clearances>,
     /// Geman–McClure scale of the attraction, in metres.
     pub scale: f64,
 }
@@ -47,8 +48,8 @@ pub(super) struct IdentityStep {
     pub identity: Vec<f64>,
     /// Inverse of the normal matrix, prior included: the posterior covariance in standard deviations.
     pub covariance: DMatrix<f64>,
-    /// Smallest clearance of each vertex in metres over the frames of the pass; infinite where no frame saw it.
-    pub smallest_clearance: Vec<f64>,
+    /// What the frames of the pass saw between skin and cloth.
+    pub clearances: Clearances,
     /// Mean energy per vertex.
     pub energy: f64,
 }
@@ -71,7 +72,7 @@ pub(super) fn refine_pass(
     let mut matrix = DMatrix::zeros(width, width);
     let mut gradient = DVector::zeros(width);
     let mut moments = ShapeMoments::new(surface.vertex_count());
-    let mut smallest_clearance = vec![f64::INFINITY; surface.vertex_count()];
+    let mut clearances = Clearances::new(surface.vertex_count());
     let (mut energy, mut vertex_count, mut frame_count) = (0.0, 0, 0);
     for batch in frames.chunks(BATCH) {
         let shares: Vec<Result<Option<FrameShare>, FitSequenceError>> = batch
@@ -89,9 +90,7 @@ pub(super) fn refine_pass(
             matrix += share.matrix;
             gradient += share.gradient;
             moments.merge(&share.moments);
-            for (smallest, clearance) in smallest_clearance.iter_mut().zip(&share.clearance) {
-                *smallest = smallest.min(*clearance);
-            }
+            clearances.add(&share.clearance);
             poses[*frame] = share.pose;
             energy += share.energy;
             vertex_count += share.vertex_count;
@@ -104,7 +103,7 @@ pub(super) fn refine_pass(
     moments.apply(surface, Some(&mut matrix), gradient.as_mut_slice());
     let (identity, covariance) = identity_step(&body.identity, matrix, gradient, vertex_count, config)?;
     let energy = energy / vertex_count.max(1) as f64;
-    Ok(IdentityStep { identity, covariance, smallest_clearance, energy })
+    Ok(IdentityStep { identity, covariance, clearances, energy })
 }
 
 /// Data against the population: residuals count as `independent_residuals` of deviation `residual_deviation`.
@@ -155,7 +154,11 @@ fn frame_share(
         clearance[pair.vertex as usize] = -pair.signed_distance;
     }
     for pair in &mut pairs {
-        let inside = (contact_weight(pair, contact, config), contact.scale);
+        let inside = Inside {
+            weight: contact_weight(pair, contact, config),
+            scale: contact.scale,
+            gap: contact.earlier.map_or(0.0, |earlier| earlier.expected_gap(pair.vertex as usize, config)),
+        };
         weigh_one_sided(pair, body.level.parts[pair.vertex as usize], inside, solver.surface);
     }
     pairs.extend(bare_capture_pairs(body.level, capture, &vertices, &normals, solver.surface));
@@ -196,8 +199,7 @@ fn frame_share(
 /// about as close as it ever does, and, through the robust kernel, only if that is close.
 fn contact_weight(pair: &Correspondence, contact: &Contact<'_>, config: &RefineConfig) -> f64 {
     let depth = (-pair.signed_distance).max(0.0);
-    let smallest =
-        contact.earlier_clearance.map_or(depth, |clearance| clearance[pair.vertex as usize].max(0.0));
+    let smallest = contact.earlier.map_or(depth, |earlier| earlier.smallest[pair.vertex as usize].max(0.0));
     let above = (depth - smallest).max(0.0) / config.clearance_tolerance;
     config.contact_weight * (-above * above).exp()
 }

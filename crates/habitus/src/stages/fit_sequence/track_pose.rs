@@ -251,7 +251,7 @@ impl Stage<'_> {
         // poses[k + 1] belongs to frame first_frame + k; position 0 is the start itself.
         let frames = super::refine_identity::spread(&usable, INITIAL_SPREAD);
         let tracked = poses.clone();
-        let mut clearance: Option<Vec<f64>> = None;
+        let mut clearances = None;
         for pass in 0..config.initial_passes {
             let solver = self.solver(&track.identity)?;
             let load = |position: usize| captures.load(first_frame + position - 1).ok();
@@ -263,14 +263,14 @@ impl Stage<'_> {
                 &mut poses,
                 &prior,
                 &Contact {
-                    earlier_clearance: clearance.as_deref(),
+                    earlier: clearances.as_ref(),
                     scale: config.contact_scale(pass, config.initial_passes),
                 },
                 config,
             )?;
             track.identity = step.identity;
             track.covariance = step.covariance;
-            clearance = Some(step.smallest_clearance);
+            clearances = Some(step.clearances);
         }
         let first = poses[usable.first().copied().unwrap_or(0)].clone();
         track.frames = vec![TrackedFrame { pose: first, explains: true, ..TrackedFrame::lost(&[], None) }];
