@@ -1,6 +1,6 @@
 //! The part-based puppet alone on a folder of captures, and how far it is from the truth if the folder has one.
 //!
-//! `cargo run --release --example 5_puppet -- FOLDER [FIRST_PARTICLES [LATER_PARTICLES [FRAMES [points.ply]]]]`
+//! `cargo run --release --example 5_puppet -- FOLDER [FIRST_PARTICLES [LATER_PARTICLES [FRAMES [SEED [points.ply]]]]]`
 #![allow(clippy::print_stdout, reason = "an example shows what it does")]
 
 use std::error::Error;
@@ -22,6 +22,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     config.puppet.first_particles = number(config.puppet.first_particles)?;
     config.puppet.later_particles = number(config.puppet.later_particles)?;
     let frames = number(1)?;
+    config.seed = number(1)? as u64;
     let cloud = arguments.next();
 
     let model = BodyModel::default_space()?;
@@ -56,7 +57,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         for (name, landmark) in model.metadata().landmarks.iter().zip(&first.landmarks) {
             println!("  {name}: {:.3}, confidence {:.2}", landmark.position, landmark.confidence);
         }
-        let spheres = TriangleMesh::new(first.points.iter().flat_map(|p| tetrahedron(*p)).collect(), tetrahedra(first.points.len()))?;
+        let spheres = TriangleMesh::new(
+            first.points.iter().flat_map(|p| tetrahedron(*p)).collect(),
+            tetrahedra(first.points.len()),
+        )?;
         io::write_mesh(path.as_ref(), &spheres)?;
     }
     Ok(())

@@ -57,19 +57,20 @@ impl Stage<'_> {
         if config.method == StartMethod::Search && rival_ratio < config.second_opinion_ratio {
             let before = tried.first().map_or(f64::INFINITY, |best| best.energy);
             let opinions = self.puppet_starts(&search, &first.captures);
-            let agrees = opinions.first().zip(tried.first()).is_some_and(|(opinion, best)| {
-                search.joint_distance(opinion, &best.start) <= RIVAL_DISTANCE
-            });
+            let agrees = opinions
+                .first()
+                .zip(tried.first())
+                .is_some_and(|(opinion, best)| search.joint_distance(opinion, &best.start) <= RIVAL_DISTANCE);
             self.try_rivals(&search, &first, opinions, StartMethod::Puppet, &mut tried)?;
             let after = tried.first().map_or(f64::INFINITY, |best| best.energy);
             rival_ratio = self.rival_ratio(&tried);
-            second_opinion = Some(SecondOpinion { agrees, energy_ratio: after / before.max(f64::MIN_POSITIVE) });
+            second_opinion =
+                Some(SecondOpinion { agrees, energy_ratio: after / before.max(f64::MIN_POSITIVE) });
         }
         let Some(best) = tried.into_iter().next() else {
             return Err(FitSequenceError::NoUsableFrame);
         };
-        let mut report =
-            StartReport { method: best.by, second_opinion, rival_ratio, landmarks: Vec::new() };
+        let mut report = StartReport { method: best.by, second_opinion, rival_ratio, landmarks: Vec::new() };
         let orientation = first.orientations[best.start.capture].clone();
         report.landmarks = self.start_landmarks(&search, &best.start, &orientation);
         let mut identity = best.start.identity;

@@ -140,6 +140,8 @@ pub struct PuppetConfig {
     pub first_steps: usize,
     /// Steps on later frames.
     pub later_steps: usize,
+    /// Limbs of learning bodies that are tried on in each step, for each limb, of which the best becomes a guess.
+    pub limb_draws: usize,
     /// Bodies of the model from which parts and stitches are learnt.
     pub learning_bodies: usize,
     /// Vertices of a part that are compared with the capture.
@@ -184,9 +186,10 @@ impl Default for PuppetConfig {
             first_particles: 60,
             later_particles: 30,
             set_size: 30,
-            first_factor: 3,
+            first_factor: 8,
             first_steps: 60,
             later_steps: 30,
+            limb_draws: 12,
             learning_bodies: 120,
             points_per_part: 40,
             looseness: [0.06, 0.01],

@@ -8,8 +8,8 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use super::captured_frame::{CapturedFrame, LimbSearch};
-use super::kept_captures::KeptCaptures;
 use super::choose_start::Started;
+use super::kept_captures::KeptCaptures;
 use super::orientation::Orientation;
 use super::pose_solver::{PosePrior, PoseSolution, PoseSolver};
 use super::refine_identity::Contact;
@@ -83,8 +83,7 @@ impl Stage<'_> {
             match entry {
                 Entry::Started { orientation, identity, first_frame, pose, rival_ratio, report } => {
                     let orientation = *orientation;
-                    resumed =
-                        Some(Started { orientation, identity, first_frame, pose, rival_ratio, report });
+                    resumed = Some(Started { orientation, identity, first_frame, pose, rival_ratio, report });
                 }
                 Entry::Tracked(frame) => frames.push(frame),
             }

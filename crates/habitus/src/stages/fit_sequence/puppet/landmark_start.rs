@@ -71,11 +71,8 @@ pub(in super::super) fn pose_at_landmarks(
     let bounds = Bounds::new(lower, upper).ok()?;
     let angle_count = start.len() - ROOT_LENGTH;
     let identity_prior = StayNear::new(0, &vec![0.0; free], &vec![IDENTITY_STIFFNESS; free]);
-    let angle_prior = StayNear::new(
-        free + ROOT_LENGTH,
-        &start[ROOT_LENGTH..],
-        &vec![ANGLE_STIFFNESS; angle_count],
-    );
+    let angle_prior =
+        StayNear::new(free + ROOT_LENGTH, &start[ROOT_LENGTH..], &vec![ANGLE_STIFFNESS; angle_count]);
     let targets = LandmarkTargets::new(&pulls);
     let fit = Fit::new(&deformer).with(1.0, &targets).with(1.0, &identity_prior).with(1.0, &angle_prior);
     let settings = GaussNewtonSettings { max_iterations: ITERATIONS, ..GaussNewtonSettings::default() };

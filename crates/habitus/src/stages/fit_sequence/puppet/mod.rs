@@ -22,13 +22,13 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use self::closest_grid::ClosestGrid;
-pub(super) use self::landmark_start::{FEWEST_LANDMARKS, start_at_landmarks};
 pub(super) use self::follow::PuppetFollower;
 pub use self::follow::{PuppetFrame, follow_with_puppet};
+pub(super) use self::landmark_start::{FEWEST_LANDMARKS, start_at_landmarks};
 pub(super) use self::model::Puppet;
 use self::particles::{Evidence, MaxProduct, Particle};
 use self::parts::{PartState, SHAPE_COMPONENTS};
-use self::proposals::{Walk, expected_beside, pulled, walked};
+use self::proposals::{Walk, expected_beside, facing_twin, limb_beside, pulled, walked};
 use super::captured_frame::CapturedFrame;
 use super::config::PuppetConfig;
 use crate::artifacts::fitted_sequence::Landmark;
@@ -94,7 +94,7 @@ impl Puppet {
                     Beginning::Anew { .. } => config.first_steps,
                     Beginning::From { .. } => config.later_steps,
                 };
-                self.improve(first, &evidence, size, steps, &mut random)
+                self.improve(first, beginning, &evidence, (size, steps), &mut random)
             })
             .collect();
         let mut all: Vec<Vec<Particle>> = vec![Vec::new(); self.parts.len()];
@@ -181,12 +181,16 @@ impl Puppet {
     fn improve(
         &self,
         mut kept: Vec<Vec<Particle>>,
+        beginning: &Beginning<'_>,
         evidence: &Evidence<'_>,
-        size: usize,
-        steps: usize,
+        (size, steps): (usize, usize),
         random: &mut RandomStream,
     ) -> Vec<Vec<Particle>> {
+        /// Steps between bodies that face the other way, and the share of the steps after which none is tried.
+        const TWIN_EVERY: usize = 5;
+        const TWINS_UNTIL: f64 = 0.7;
         let config = evidence.config;
+        let is_anew = matches!(beginning, Beginning::Anew { .. });
         let first = Walk { turn: config.walk[0], shift: config.walk[1], coefficients: config.walk[2] };
         let mut best: Vec<usize> = vec![0; self.parts.len()];
         for step in 0..=steps {
@@ -196,6 +200,12 @@ impl Puppet {
             if step > 0 {
                 let walk = first.scaled(config.last_walk.powf(share));
                 self.augment(&mut kept, &best, evidence, walk, share, random);
+                if is_anew {
+                    self.add_limbs(&mut kept, &best, evidence, random);
+                }
+                if is_anew && step % TWIN_EVERY == 0 && share < TWINS_UNTIL {
+                    self.add_facing_twin(&mut kept, &best, evidence);
+                }
             }
             let messages = MaxProduct::run(self, &kept, looseness);
             best = messages.best_with(messages.ranked_roots()[0]);
@@ -259,6 +269,54 @@ impl Puppet {
         }
         for (own, new) in kept.iter_mut().zip(added) {
             own.extend(new);
+        }
+    }
+
+    /// Adds limbs of learning bodies: an arm that hides in the trunk comes out as a whole or not at all.
+    fn add_limbs(
+        &self,
+        kept: &mut [Vec<Particle>],
+        best: &[usize],
+        evidence: &Evidence<'_>,
+        random: &mut RandomStream,
+    ) {
+        for limb in self.limbs() {
+            let Some(parent) = self.parts[limb[0]].layout.parent else { continue };
+            let of_parent = kept[parent][best[parent]].clone();
+            let draws = evidence.config.limb_draws;
+            let found = limb_beside(self, &limb, (parent, &of_parent), draws, evidence, random);
+            for (part, particle) in limb.iter().zip(found.into_iter().flatten()) {
+                kept[*part].push(particle);
+            }
+        }
+    }
+
+    /// The chains that hang on parts with several children, the nearest part first.
+    fn limbs(&self) -> Vec<Vec<usize>> {
+        let count = self.parts.len();
+        let parent = |part: usize| self.parts[part].layout.parent;
+        let children: Vec<usize> =
+            (0..count).map(|part| (0..count).filter(|child| parent(*child) == Some(part)).count()).collect();
+        (1..count)
+            .filter(|part| children[*part] < 2 && parent(*part).is_some_and(|above| children[above] > 1))
+            .map(|first| {
+                let mut limb = vec![first];
+                while let Some(next) = (first..count).find(|part| parent(*part) == limb.last().copied()) {
+                    limb.push(next);
+                }
+                limb
+            })
+            .collect()
+    }
+
+    /// Adds the best body as it would be if it faced the other way, which no part can try alone.
+    fn add_facing_twin(&self, kept: &mut [Vec<Particle>], best: &[usize], evidence: &Evidence<'_>) {
+        let states: Vec<PartState> =
+            kept.iter().zip(best).map(|(particles, place)| particles[*place].state).collect();
+        for (part, state) in facing_twin(self, &states).into_iter().enumerate() {
+            let pulled = pulled(self, part, &state, evidence, &[], 0.0);
+            kept[part].push(evidence.particle(&self.parts[part], state));
+            kept[part].push(evidence.particle(&self.parts[part], pulled));
         }
     }
 

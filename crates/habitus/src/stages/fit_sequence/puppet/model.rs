@@ -6,8 +6,7 @@ use rayon::prelude::*;
 
 use super::super::config::PuppetConfig;
 use super::parts::{
-    BEND_COMPONENTS, COEFFICIENTS, Part, PartLayout, PartState, SHAPE_COMPONENTS, layouts,
-    leading_components,
+    BEND_COMPONENTS, COEFFICIENTS, Part, PartLayout, PartState, SHAPE_COMPONENTS, layouts, leading_components,
 };
 use super::stitching::Stitch;
 use crate::body::{BodyModel, BodySurface, ROOT_LENGTH};
@@ -25,6 +24,8 @@ pub(in super::super) struct Puppet {
     pub(super) examples: Vec<Vec<PartState>>,
     /// Part and slot of each landmark of the model.
     pub(super) landmarks: Vec<(usize, usize)>,
+    /// The part on the other side of the body; the same for those in the middle.
+    pub(super) mirror_parts: Vec<usize>,
     surface: BodySurface,
     /// For each part the positions of its vertices in `surface`.
     places: Vec<Vec<usize>>,
@@ -65,14 +66,19 @@ impl Puppet {
         let parts: Vec<Part> = layouts
             .into_par_iter()
             .enumerate()
-            .map(|(part, layout)| learn_part(model, &surface, (part, layout), &places[part], &bodies, &normals))
+            .map(|(part, layout)| {
+                learn_part(model, &surface, (part, layout), &places[part], &bodies, &normals)
+            })
             .collect();
         let examples: Vec<Vec<PartState>> = bodies.iter().map(|body| states(&parts, body)).collect();
         let stitches = (0..parts.len())
-            .map(|part| parts[part].layout.parent.map(|parent| Stitch::learn(&parts, part, parent, &examples)))
+            .map(|part| {
+                parts[part].layout.parent.map(|parent| Stitch::learn(&parts, part, parent, &examples))
+            })
             .collect();
         let landmarks = model.landmark_vertices().iter().map(|vertex| slot_of(&parts, *vertex)).collect();
-        Self { parts, stitches, examples, landmarks, surface, places }
+        let mirror_parts = parts.iter().map(|part| mirror_part(model, &parts, part)).collect();
+        Self { parts, stitches, examples, landmarks, mirror_parts, surface, places }
     }
 
     /// The states of all parts of a body of the model.
@@ -81,6 +87,19 @@ impl Puppet {
         let identity = &identity[..identity.len().min(self.surface.component_count())];
         states(&self.parts, &learning_body(&self.surface, &layouts, &self.places, identity, pose))
     }
+}
+
+/// The part whose bone moves most of the mirror images of a part's vertices.
+fn mirror_part(model: &BodyModel, parts: &[Part], part: &Part) -> usize {
+    let dominant = model.dominant_bones();
+    let mut votes = vec![0_usize; parts.len()];
+    for vertex in &part.layout.vertices[..part.layout.data_count] {
+        let bone = dominant[model.mirror_vertices()[*vertex as usize] as usize];
+        if let Some(found) = parts.iter().position(|other| other.layout.bone == bone) {
+            votes[found] += 1;
+        }
+    }
+    (0..parts.len()).max_by_key(|other| (votes[*other], std::cmp::Reverse(*other))).unwrap_or(0)
 }
 
 fn slot_of(parts: &[Part], vertex: u32) -> (usize, usize) {
@@ -165,9 +184,8 @@ fn learn_part(
     let shape = leading_components(&shape, SHAPE_COMPONENTS);
     let bend_of = |body: &LearningBody, slot: usize| body.posed[part][slot] - body.rest[part][slot];
     let scale = 1.0 / bodies.len() as f64;
-    let bend_mean: Vec<DVec3> = (0..count)
-        .map(|slot| bodies.iter().map(|body| bend_of(body, slot)).sum::<DVec3>() * scale)
-        .collect();
+    let bend_mean: Vec<DVec3> =
+        (0..count).map(|slot| bodies.iter().map(|body| bend_of(body, slot)).sum::<DVec3>() * scale).collect();
     let bend = DMatrix::from_fn(3 * count, bodies.len(), |row, body| {
         let slot = row / 3;
         (bend_of(&bodies[body], slot) - bend_mean[slot])[row % 3] * scale.sqrt()

@@ -135,7 +135,8 @@ impl MaxProduct {
             let width = self.up[part].len();
             // What the subtree says without the parent, plus the pair with the parent that is picked.
             let score = |own: usize| {
-                self.beliefs[part][own] - self.down[part][own] + self.pairs[part][own * width + picked[parent]]
+                self.beliefs[part][own] - self.down[part][own]
+                    + self.pairs[part][own * width + picked[parent]]
             };
             picked[part] = smallest((0..self.beliefs[part].len()).map(score));
         }
@@ -160,10 +161,8 @@ impl MaxProduct {
             row.iter().zip(covered).map(|(value, had)| (value - had).max(0.0)).sum()
         };
         // A gain only shrinks as more is covered, so that an old gain is a bound.
-        let mut bounds: Vec<(f64, usize)> = (0..rows.len())
-            .filter(|row| *row != best)
-            .map(|row| (gain(&rows[row], &covered), row))
-            .collect();
+        let mut bounds: Vec<(f64, usize)> =
+            (0..rows.len()).filter(|row| *row != best).map(|row| (gain(&rows[row], &covered), row)).collect();
         while kept.len() < count && !bounds.is_empty() {
             bounds.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
             let mut fresh: Option<(f64, usize)> = None;
@@ -204,8 +203,9 @@ impl MaxProduct {
         let beliefs = &self.beliefs[part];
         if self.parents[part].is_some() {
             let width = self.up[part].len();
-            let cost =
-                |row: usize, column: usize| beliefs[row] - self.down[part][row] + self.pairs[part][row * width + column];
+            let cost = |row: usize, column: usize| {
+                beliefs[row] - self.down[part][row] + self.pairs[part][row * width + column]
+            };
             add(&cost, width);
         }
         for child in (1..self.parents.len()).filter(|child| self.parents[*child] == Some(part)) {

@@ -162,8 +162,7 @@ fn seam_vertices(model: &BodyModel, part_of: &[usize], part: usize, parent: usiz
     let mean = model.mean_vertices();
     let bone_joints = model.surface().joint_map();
     let middle = bone_joints.mean[part.min(bone_joints.mean.len() - 1)];
-    let mut both: Vec<u32> =
-        (0..mean.len() as u32).filter(|v| of(*v) == part || of(*v) == parent).collect();
+    let mut both: Vec<u32> = (0..mean.len() as u32).filter(|v| of(*v) == part || of(*v) == parent).collect();
     both.sort_by(|a, b| {
         let distance = |v: u32| mean[v as usize].distance_squared(middle);
         distance(*a).total_cmp(&distance(*b))

@@ -4,8 +4,8 @@ use glam::{DMat3, DQuat, DVec3};
 use habitus_geometry::best_rotation;
 
 use super::model::Puppet;
-use super::parts::{COEFFICIENTS, PartState, SHAPE_COMPONENTS};
 use super::particles::{Evidence, Particle};
+use super::parts::{COEFFICIENTS, PartState, SHAPE_COMPONENTS};
 use crate::statistics::RandomStream;
 
 /// How far guesses walk: shrinks over the steps.
@@ -85,10 +85,83 @@ pub(super) fn expected_beside(
     };
     let mut state = PartState { rotation, joint: DVec3::ZERO, coefficients };
     let points = puppet.parts[part].points(&state);
-    let offset: DVec3 =
-        own_slots.iter().zip(other_slots).map(|(own, other)| of_neighbour.points[*other] - points[*own]).sum();
+    let offset: DVec3 = own_slots
+        .iter()
+        .zip(other_slots)
+        .map(|(own, other)| of_neighbour.points[*other] - points[*own])
+        .sum();
     state.joint = offset / own_slots.len().max(1) as f64;
     Some(state)
+}
+
+/// A whole limb as learning bodies have it, hung on a guess for the part that it hangs on: of `draws` limbs the one that
+/// the capture likes best. `limb` lists its parts, the nearest first.
+pub(super) fn limb_beside(
+    puppet: &Puppet,
+    limb: &[usize],
+    (parent, of_parent): (usize, &Particle),
+    draws: usize,
+    evidence: &Evidence<'_>,
+    random: &mut RandomStream,
+) -> Option<Vec<Particle>> {
+    let mut best: Option<(f64, Vec<Particle>)> = None;
+    for _ in 0..draws {
+        let example = &puppet.examples[random.below(puppet.examples.len())];
+        let turn = of_parent.state.rotation * example[parent].rotation.transpose();
+        let mut particles: Vec<Particle> = Vec::with_capacity(limb.len());
+        for (place, part) in limb.iter().enumerate() {
+            let layout = &puppet.parts[*part].layout;
+            let beside = if place == 0 {
+                of_parent
+            } else {
+                &particles[limb[..place].iter().position(|other| Some(*other) == layout.parent)?]
+            };
+            let mut state = PartState {
+                rotation: turn * example[*part].rotation,
+                joint: DVec3::ZERO,
+                coefficients: example[*part].coefficients,
+            };
+            let points = puppet.parts[*part].points(&state);
+            let offset: DVec3 = layout
+                .parent_slots
+                .iter()
+                .zip(&layout.child_slots)
+                .map(|(own, other)| beside.points[*other] - points[*own])
+                .sum();
+            state.joint = offset / layout.parent_slots.len().max(1) as f64;
+            particles.push(evidence.particle(&puppet.parts[*part], state));
+        }
+        let cost = particles.iter().map(|particle| particle.cost).sum::<f64>();
+        if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+            best = Some((cost, particles));
+        }
+    }
+    best.map(|(_, particles)| particles)
+}
+
+/// The same limbs seen from behind: every part takes the place of the part on its other side, reflected forwards to
+/// backwards, so that the body stays where it is and faces the other way.
+pub(super) fn facing_twin(puppet: &Puppet, states: &[PartState]) -> Vec<PartState> {
+    let sideways = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
+    let forward = (states[0].rotation * DVec3::Z * DVec3::new(1.0, 0.0, 1.0)).normalize_or(DVec3::Z);
+    let middle = states.iter().map(|state| state.joint).sum::<DVec3>() / states.len().max(1) as f64;
+    let reflected = |vector: DVec3| vector - forward * (2.0 * vector.dot(forward));
+    (0..states.len())
+        .map(|part| {
+            let other = &states[puppet.mirror_parts[part]];
+            let turned = other.rotation * sideways;
+            PartState {
+                rotation: DMat3::from_cols(
+                    reflected(turned.x_axis),
+                    reflected(turned.y_axis),
+                    reflected(turned.z_axis),
+                ),
+                joint: middle + reflected(other.joint - middle),
+                // Coefficients of the two sides are not the same ones.
+                coefficients: [0.0; COEFFICIENTS],
+            }
+        })
+        .collect()
 }
 
 /// Pulls a guess onto the capture and onto its neighbours' `anchors` (slot and position): the best rigid motion of
@@ -104,8 +177,8 @@ pub(super) fn pulled(
     let model = &puppet.parts[part];
     let mut pairs: Vec<(usize, DVec3, f64)> = Vec::with_capacity(model.layout.data_count + anchors.len());
     let points = model.points(guess);
-    for slot in 0..model.layout.data_count {
-        let nearby = evidence.grid.at(points[slot]);
+    for (slot, point) in points.iter().enumerate().take(model.layout.data_count) {
+        let nearby = evidence.grid.at(*point);
         let normal = guess.rotation * model.normals[slot];
         if normal.dot(nearby.normal) > 0.0 {
             pairs.push((slot, nearby.target, evidence.judge(&nearby, normal, model.is_bare[slot]).0));

@@ -15,6 +15,8 @@ const LEAST_DEVIATION: f64 = 0.003;
 const LEAST_TURN: f64 = 0.12;
 /// Mahalanobis distance, squared, up to which a turn costs nothing: the learning bodies reach about as far.
 const FREE_TURN: f64 = 6.0;
+/// Cost of tearing beyond which the joint is not looked at.
+const HOPELESS: f64 = 80.0;
 /// Share of the correlation of neighbouring shapes that is relied on; at one a part would follow its neighbour rigidly.
 const SHAPE_RELIANCE: f64 = 0.9;
 
@@ -44,7 +46,8 @@ impl Stitch {
         for states in examples {
             let own = parts[part].points(&states[part]);
             let other = parts[parent].points(&states[parent]);
-            for ((variance, a), b) in variances.iter_mut().zip(&layout.parent_slots).zip(&layout.child_slots) {
+            for ((variance, a), b) in variances.iter_mut().zip(&layout.parent_slots).zip(&layout.child_slots)
+            {
                 *variance += own[*a].distance_squared(other[*b]) / (3 * examples.len()) as f64;
             }
             turns.push(relative_turn(
@@ -73,7 +76,8 @@ impl Stitch {
             torn += a.distance_squared(*b) / (variance + looseness * looseness);
         }
         let torn = 0.5 * INDEPENDENT_DISTANCES * torn / self.variances.len().max(1) as f64;
-        torn + self.turn_cost(own.rotation, parent.rotation)
+        // Parts so far apart are no neighbours, however they are turned.
+        if torn > HOPELESS { torn } else { torn + self.turn_cost(own.rotation, parent.rotation) }
     }
 
     fn turn_cost(&self, own: DQuat, parent: DQuat) -> f64 {
