@@ -91,9 +91,9 @@ impl RecipeName {
 /// Names of the starts.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum StartName {
-    /// Poses in all headings, fitted and halved; asks the puppet when it is unsure
+    /// Poses in all headings, fitted and halved
     Search,
-    /// The part-based puppet
+    /// The part-based puppet (experimental)
     Puppet,
     /// The landmarks of --landmarks on the first frame, four at least
     Landmarks,

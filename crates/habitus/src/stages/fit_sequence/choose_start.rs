@@ -1,5 +1,5 @@
 //! Chooses the start of a sequence: the search, the puppet, or landmarks that a person gives; asks the puppet for a second
-//! opinion when the search has a rival that is almost as good.
+//! opinion, if the settings say so, when the search has a rival that is almost as good.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;

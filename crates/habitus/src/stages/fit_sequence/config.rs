@@ -140,8 +140,6 @@ pub struct PuppetConfig {
     pub first_steps: usize,
     /// Steps on later frames.
     pub later_steps: usize,
-    /// Limbs of learning bodies that are tried on in each step, for each limb, of which the best becomes a guess.
-    pub limb_draws: usize,
     /// Bodies of the model from which parts and stitches are learnt.
     pub learning_bodies: usize,
     /// Vertices of a part that are compared with the capture.
@@ -189,7 +187,6 @@ impl Default for PuppetConfig {
             first_factor: 8,
             first_steps: 60,
             later_steps: 30,
-            limb_draws: 12,
             learning_bodies: 120,
             points_per_part: 40,
             looseness: [0.06, 0.01],
@@ -218,8 +215,8 @@ impl Default for PuppetConfig {
 pub struct StartConfig {
     /// What finds the first pose.
     pub method: StartMethod,
-    /// The puppet gives a second opinion on the search if the second start comes within this ratio of the best energy;
-    /// 0: never.
+    /// The puppet gives a second opinion on the search if the second start comes within this ratio of the best energy,
+    /// such as 1.08; 0: never.
     pub second_opinion_ratio: f64,
     /// Headings tried around the vertical.
     pub yaw_count: usize,
@@ -257,7 +254,7 @@ impl Default for StartConfig {
     fn default() -> Self {
         Self {
             method: StartMethod::Search,
-            second_opinion_ratio: 1.08,
+            second_opinion_ratio: 0.0,
             yaw_count: 12,
             coarse_vertex_count: 320,
             coarse_sample_count: 320,

@@ -28,7 +28,7 @@ pub(super) use self::landmark_start::{FEWEST_LANDMARKS, start_at_landmarks};
 pub(super) use self::model::Puppet;
 use self::particles::{Evidence, MaxProduct, Particle};
 use self::parts::{PartState, SHAPE_COMPONENTS};
-use self::proposals::{Walk, expected_beside, facing_twin, limb_beside, pulled, walked};
+use self::proposals::{Walk, expected_beside, facing_twin, pulled, walked};
 use super::captured_frame::CapturedFrame;
 use super::config::PuppetConfig;
 use crate::artifacts::fitted_sequence::Landmark;
@@ -200,9 +200,6 @@ impl Puppet {
             if step > 0 {
                 let walk = first.scaled(config.last_walk.powf(share));
                 self.augment(&mut kept, &best, evidence, walk, share, random);
-                if is_anew {
-                    self.add_limbs(&mut kept, &best, evidence, random);
-                }
                 if is_anew && step % TWIN_EVERY == 0 && share < TWINS_UNTIL {
                     self.add_facing_twin(&mut kept, &best, evidence);
                 }
@@ -244,10 +241,12 @@ impl Puppet {
             for place in 0..kept[part].len() {
                 let is_greedy = share >= GREEDY_FROM && place % 2 == 0;
                 let own = &kept[part][if is_greedy { best[part] } else { place }];
-                let neighbour = neighbours[random.below(neighbours.len())];
+                // A model of a single part has no neighbours: it walks beside itself.
+                let neighbour =
+                    neighbours.get(random.below(neighbours.len().max(1))).copied().unwrap_or(part);
                 let pick = if is_greedy { best[neighbour] } else { random.below(kept[neighbour].len()) };
                 let beside = &kept[neighbour][pick];
-                let guess = if random.unit() < 0.5 {
+                let guess = if neighbour == part || random.unit() < 0.5 {
                     let middle = own.points.iter().copied().sum::<DVec3>() / own.points.len().max(1) as f64;
                     Some(walked(&own.state, middle, walk, random))
                 } else {
@@ -270,43 +269,6 @@ impl Puppet {
         for (own, new) in kept.iter_mut().zip(added) {
             own.extend(new);
         }
-    }
-
-    /// Adds limbs of learning bodies: an arm that hides in the trunk comes out as a whole or not at all.
-    fn add_limbs(
-        &self,
-        kept: &mut [Vec<Particle>],
-        best: &[usize],
-        evidence: &Evidence<'_>,
-        random: &mut RandomStream,
-    ) {
-        for limb in self.limbs() {
-            let Some(parent) = self.parts[limb[0]].layout.parent else { continue };
-            let of_parent = kept[parent][best[parent]].clone();
-            let draws = evidence.config.limb_draws;
-            let found = limb_beside(self, &limb, (parent, &of_parent), draws, evidence, random);
-            for (part, particle) in limb.iter().zip(found.into_iter().flatten()) {
-                kept[*part].push(particle);
-            }
-        }
-    }
-
-    /// The chains that hang on parts with several children, the nearest part first.
-    fn limbs(&self) -> Vec<Vec<usize>> {
-        let count = self.parts.len();
-        let parent = |part: usize| self.parts[part].layout.parent;
-        let children: Vec<usize> =
-            (0..count).map(|part| (0..count).filter(|child| parent(*child) == Some(part)).count()).collect();
-        (1..count)
-            .filter(|part| children[*part] < 2 && parent(*part).is_some_and(|above| children[above] > 1))
-            .map(|first| {
-                let mut limb = vec![first];
-                while let Some(next) = (first..count).find(|part| parent(*part) == limb.last().copied()) {
-                    limb.push(next);
-                }
-                limb
-            })
-            .collect()
     }
 
     /// Adds the best body as it would be if it faced the other way, which no part can try alone.

@@ -94,51 +94,6 @@ pub(super) fn expected_beside(
     Some(state)
 }
 
-/// A whole limb as learning bodies have it, hung on a guess for the part that it hangs on: of `draws` limbs the one that
-/// the capture likes best. `limb` lists its parts, the nearest first.
-pub(super) fn limb_beside(
-    puppet: &Puppet,
-    limb: &[usize],
-    (parent, of_parent): (usize, &Particle),
-    draws: usize,
-    evidence: &Evidence<'_>,
-    random: &mut RandomStream,
-) -> Option<Vec<Particle>> {
-    let mut best: Option<(f64, Vec<Particle>)> = None;
-    for _ in 0..draws {
-        let example = &puppet.examples[random.below(puppet.examples.len())];
-        let turn = of_parent.state.rotation * example[parent].rotation.transpose();
-        let mut particles: Vec<Particle> = Vec::with_capacity(limb.len());
-        for (place, part) in limb.iter().enumerate() {
-            let layout = &puppet.parts[*part].layout;
-            let beside = if place == 0 {
-                of_parent
-            } else {
-                &particles[limb[..place].iter().position(|other| Some(*other) == layout.parent)?]
-            };
-            let mut state = PartState {
-                rotation: turn * example[*part].rotation,
-                joint: DVec3::ZERO,
-                coefficients: example[*part].coefficients,
-            };
-            let points = puppet.parts[*part].points(&state);
-            let offset: DVec3 = layout
-                .parent_slots
-                .iter()
-                .zip(&layout.child_slots)
-                .map(|(own, other)| beside.points[*other] - points[*own])
-                .sum();
-            state.joint = offset / layout.parent_slots.len().max(1) as f64;
-            particles.push(evidence.particle(&puppet.parts[*part], state));
-        }
-        let cost = particles.iter().map(|particle| particle.cost).sum::<f64>();
-        if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-            best = Some((cost, particles));
-        }
-    }
-    best.map(|(_, particles)| particles)
-}
-
 /// The same limbs seen from behind: every part takes the place of the part on its other side, reflected forwards to
 /// backwards, so that the body stays where it is and faces the other way.
 pub(super) fn facing_twin(puppet: &Puppet, states: &[PartState]) -> Vec<PartState> {
