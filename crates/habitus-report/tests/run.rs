@@ -75,6 +75,7 @@ fn made_up_fit() -> (RiggedSequence, Captures) {
         identity_covariance: nalgebra::DMatrix::from_diagonal_element(2, 2, 0.04),
         rest_joints: model.joints(&rest),
         rest_vertices: rest,
+        start: None,
         smallest_clearance: Vec::new(),
         frames: frames.collect(),
         codes: Vec::new(),

@@ -493,6 +493,7 @@ pub fn truth_as_fit(
         identity_covariance: DMatrix::zeros(identity.len(), identity.len()),
         rest_vertices: body.positions().to_vec(),
         rest_joints: body.joints().to_vec(),
+        start: None,
         smallest_clearance: vec![0.0; body.positions().len()],
         frames: frames.collect(),
         codes: Vec::new(),

@@ -62,6 +62,7 @@ fn fitted() -> RiggedSequence {
             },
             identity_covariance: nalgebra_zero(identity.len()),
             identity,
+            start: None,
             smallest_clearance: vec![0.0; rest_vertices.len()],
             rest_vertices,
             rest_joints,

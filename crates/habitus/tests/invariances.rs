@@ -11,7 +11,7 @@ use habitus::artifacts::rigged_sequence::{Rig, RiggedSequence};
 use habitus::body::{BodyModel, Pose};
 use habitus::geometry::{Surface, TriangleMesh};
 use habitus::optimize::{Event, Flow, Observer, Silent};
-use habitus::stages::fit_sequence::{FitSequenceConfig, FitSequenceError, fit_sequence};
+use habitus::stages::fit_sequence::{FitSequenceConfig, FitSequenceError, fit_sequence, follow_with_puppet};
 use habitus_synthetic::sequence::{DressedSequence, DressedSequenceSettings};
 
 mod dressed_person;
@@ -87,6 +87,24 @@ fn one_and_two_threads_give_the_same_numbers() {
     let source = captures(&tiny(&model));
     let (one, two) = (on_threads(1, &source, &model), on_threads(2, &source, &model));
     assert!(one == two, "differs by {} mm", mean_distance_mm(&one.rest_vertices, &two.rest_vertices));
+}
+
+#[test]
+fn the_puppet_is_the_same_on_one_and_two_threads() {
+    let model = model();
+    let source = captures(&tiny(&model));
+    let mut config = FitSequenceConfig::default();
+    config.puppet.first_steps = 8;
+    config.puppet.later_steps = 4;
+    config.puppet.set_size = 10;
+    config.puppet.first_particles = 40;
+    let landmarks = |count: usize| {
+        let pool =
+            rayon::ThreadPoolBuilder::new().num_threads(count).build().expect("threads can be started");
+        let found = pool.install(|| follow_with_puppet(&source, &model, &config, &mut Silent));
+        found.expect("a person").into_iter().map(|frame| frame.landmarks).collect::<Vec<_>>()
+    };
+    assert_eq!(landmarks(1), landmarks(2));
 }
 
 /// Stops at the first event of a stage that has done so much.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use habitus::pipeline::{CaptureOrigin, RunFolder, Summary};
-use habitus::stages::fit_sequence::config::{Recipe, UnitChoice, UpChoice};
+use habitus::stages::fit_sequence::config::{Recipe, StartMethod, UnitChoice, UpChoice};
 
 use crate::Outcome;
 use crate::config_file::SettingsArguments;
@@ -37,6 +37,9 @@ pub struct FitSequenceArguments {
     /// How to fit
     #[arg(long, value_enum)]
     pub recipe: Option<RecipeName>,
+    /// What finds the first pose [default: search]
+    #[arg(long, value_enum)]
+    pub start: Option<StartName>,
     /// Table frame,landmark,x,y,z of landmarks that you know, in the input's own coordinates
     #[arg(long, value_name = "FILE")]
     pub landmarks: Option<PathBuf>,
@@ -81,6 +84,28 @@ impl RecipeName {
         match self {
             Self::Default => Recipe::Default,
             Self::Paper2016 => Recipe::Paper2016,
+        }
+    }
+}
+
+/// Names of the starts.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum StartName {
+    /// Poses in all headings, fitted and halved
+    Search,
+    /// The part-based puppet (experimental)
+    Puppet,
+    /// The landmarks of --landmarks on the first frame, four at least
+    Landmarks,
+}
+
+impl StartName {
+    /// The library's word.
+    pub fn method(self) -> StartMethod {
+        match self {
+            Self::Search => StartMethod::Search,
+            Self::Puppet => StartMethod::Puppet,
+            Self::Landmarks => StartMethod::Landmarks,
         }
     }
 }
@@ -140,6 +165,9 @@ pub fn run(arguments: &FitSequenceArguments, console: &Console) -> anyhow::Resul
     let mut config = arguments.settings.load()?.fit_sequence;
     if let Some(recipe) = arguments.recipe {
         config.recipe = recipe.recipe();
+    }
+    if let Some(start) = arguments.start {
+        config.start.method = start.method();
     }
     if let Some(unit) = arguments.unit {
         config.unit = unit.choice();

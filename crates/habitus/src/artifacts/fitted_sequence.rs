@@ -38,6 +38,41 @@ pub struct Landmark {
     pub confidence: f64,
 }
 
+/// What finds the first pose.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StartMethod {
+    /// Pose clusters in all headings, fitted and halved.
+    #[default]
+    Search,
+    /// The part-based puppet (P2 §4.2).
+    Puppet,
+    /// Landmarks that a person gives for the first frame.
+    Landmarks,
+}
+
+/// What the puppet said about a start that the search was unsure of.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SecondOpinion {
+    /// Whether its best start was the search's own.
+    pub agrees: bool,
+    /// Energy of the start that was taken over that of the search's best; below one, the puppet's was better.
+    pub energy_ratio: f64,
+}
+
+/// How the first pose was found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StartReport {
+    /// What found the start that was taken.
+    pub method: StartMethod,
+    /// The second opinion, if one was asked for.
+    pub second_opinion: Option<SecondOpinion>,
+    /// Energy of the second-best start over that of the best.
+    pub rival_ratio: f64,
+    /// Landmarks of the start on the first usable frame, before tracking, in metres, y up; all of confidence 1.
+    pub landmarks: Vec<Landmark>,
+}
+
 /// One frame's pose and quality.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FittedFrame {
@@ -87,6 +122,8 @@ pub struct FittedSequence {
     pub rest_vertices: Vec<DVec3>,
     /// Rest joints of the identity in model space, metres.
     pub rest_joints: Vec<DVec3>,
+    /// How the first pose was found; none for sequences that no search has started.
+    pub start: Option<StartReport>,
     /// Smallest clearance of each vertex over the trusted frames, in metres; negative: outside the capture.
     pub smallest_clearance: Vec<f64>,
     /// The frames in order.

@@ -59,6 +59,7 @@ pub(crate) fn rigged_sequence(frame_count: usize) -> RiggedSequence {
             identity_covariance: covariance,
             rest_vertices,
             rest_joints,
+            start: None,
             smallest_clearance: (0..vertex_count).map(|vertex| 1e-4 * vertex as f64 - 0.002).collect(),
             frames,
             codes: vec![Code::UncertainFrameOfReference],

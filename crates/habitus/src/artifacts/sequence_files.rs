@@ -229,6 +229,7 @@ fn read_fit_bytes(bytes: Vec<u8>, path: &Path) -> Result<RiggedSequence, FitFile
         rest_joints,
         smallest_clearance: clearance.values.iter().map(|distance| distance * unit).collect(),
         frames,
+        start: metadata.start,
         codes: metadata.codes,
     };
     Ok(RiggedSequence { sequence, rig })

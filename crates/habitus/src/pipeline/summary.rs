@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::run_folder::RunFolderError;
 use crate::artifacts::codes::Code;
-use crate::artifacts::fitted_sequence::FittedSequence;
+use crate::artifacts::fitted_sequence::{FittedSequence, StartReport};
 use crate::artifacts::measurements::Measurement;
 use crate::artifacts::write_atomically;
 use crate::evaluation::sequence_accuracy::SequenceAccuracy;
@@ -63,6 +63,9 @@ pub struct Summary {
     pub failed_frames: usize,
     /// The codes that fired.
     pub codes: CodeSummary,
+    /// How the first pose was found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start: Option<StartReport>,
     /// Where the time went.
     pub seconds: Seconds,
     /// Frames over total seconds.
@@ -107,6 +110,7 @@ impl Summary {
             frames: fit.frames.len(),
             failed_frames: codes.failed.len(),
             codes,
+            start: fit.start.clone(),
             seconds,
             frames_per_second: fit.frames.len() as f64 / seconds.total.max(1e-9),
             outside_share_5mm: readable.iter().map(|frame| frame.outside_share_5mm).sum::<f64>() / count,

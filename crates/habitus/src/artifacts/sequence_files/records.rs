@@ -4,7 +4,7 @@ use glam::DMat3;
 use serde::{Deserialize, Serialize};
 
 use crate::artifacts::codes::Code;
-use crate::artifacts::fitted_sequence::InputFrame;
+use crate::artifacts::fitted_sequence::{InputFrame, StartReport};
 use crate::artifacts::rig_file::RigNames;
 use crate::artifacts::rigged_sequence::RiggedSequence;
 
@@ -22,6 +22,9 @@ pub(super) struct FitMetadata {
     pub(super) rig: RigNames,
     pub(super) input_frame: InputFrameRecord,
     pub(super) codes: Vec<Code>,
+    /// Absent in files of earlier versions.
+    #[serde(default)]
+    pub(super) start: Option<StartReport>,
     pub(super) frames: Vec<FrameRecord>,
 }
 
@@ -57,6 +60,7 @@ impl FitMetadata {
             rig: RigNames::of(&fit.rig),
             input_frame: InputFrameRecord::of(&sequence.input_frame),
             codes: sequence.codes.clone(),
+            start: sequence.start.clone(),
             frames: sequence
                 .frames
                 .iter()

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+pub use crate::artifacts::fitted_sequence::StartMethod;
 use crate::fitting::correspondence::CompatibilityRules;
 use crate::fitting::schedule::RoundSchedule;
 
@@ -62,6 +63,8 @@ pub struct FitSequenceConfig {
     pub frame: FrameConfig,
     /// The search for the first pose.
     pub start: StartConfig,
+    /// The part-based puppet: another start, and the search's second opinion.
+    pub puppet: PuppetConfig,
     /// The one-sided surface energy of the default recipe.
     pub surface: SurfaceConfig,
     /// Pose tracking of the default recipe.
@@ -85,6 +88,7 @@ impl Default for FitSequenceConfig {
             components: 100,
             frame: FrameConfig::default(),
             start: StartConfig::default(),
+            puppet: PuppetConfig::default(),
             surface: SurfaceConfig::default(),
             track: TrackConfig::default(),
             refine: RefineConfig::default(),
@@ -120,10 +124,100 @@ impl Default for FrameConfig {
     }
 }
 
+/// The part-based puppet (P2 §4.2, after Zuffi and Black 2015). Costs are negative logarithms of probabilities.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PuppetConfig {
+    /// Particles of each part on the first frame. P2 §5: 60.
+    pub first_particles: usize,
+    /// Particles of each part on later frames. P2 §5: 30.
+    pub later_particles: usize,
+    /// Particles that are selected together; more particles are more such sets.
+    pub set_size: usize,
+    /// Guesses for each particle that the first selection is made of.
+    pub first_factor: usize,
+    /// Steps on the first frame. Zuffi and Black 2015: 60.
+    pub first_steps: usize,
+    /// Steps on later frames.
+    pub later_steps: usize,
+    /// Bodies of the model from which parts and stitches are learnt.
+    pub learning_bodies: usize,
+    /// Vertices of a part that are compared with the capture.
+    pub points_per_part: usize,
+    /// Added to the learnt deviation of interface points in the first and in the last step, metres.
+    pub looseness: [f64; 2],
+    /// First random steps of a guess: radians, metres, standard deviations of the coefficients.
+    pub walk: [f64; 3],
+    /// Length of the last random steps relative to the first.
+    pub last_walk: f64,
+    /// Moves towards the capture that a guess makes, if it makes any.
+    pub pulls: usize,
+    /// Standard deviation of the distance to the capture where it is skin, metres.
+    pub data_deviation: f64,
+    /// Independent distances in a part: neighbours err together.
+    pub independent_points: f64,
+    /// Weight of a vertex outside the capture.
+    pub outside_weight: f64,
+    /// Geman–McClure scale of vertices outside, metres.
+    pub outside_scale: f64,
+    /// Weight of a covered vertex inside the capture.
+    pub inside_weight: f64,
+    /// Geman–McClure scale of covered vertices inside, metres.
+    pub inside_scale: f64,
+    /// Weight of bare vertices (head, hands, feet) inside.
+    pub bare_weight: f64,
+    /// Geman–McClure scale of bare vertices, metres.
+    pub bare_scale: f64,
+    /// Cost of a normal opposite to the capture's.
+    pub normal_weight: f64,
+    /// Largest coefficient of a part, standard deviations. P2 §4.1 allows 3 for the whole body.
+    pub coefficient_limit: f64,
+    /// Different bodies that are handed on at most.
+    pub starts: usize,
+    /// Bodies are different if a joint is farther away than this, metres.
+    pub difference: f64,
+}
+
+impl Default for PuppetConfig {
+    fn default() -> Self {
+        Self {
+            first_particles: 60,
+            later_particles: 30,
+            set_size: 30,
+            first_factor: 8,
+            first_steps: 60,
+            later_steps: 30,
+            learning_bodies: 120,
+            points_per_part: 40,
+            looseness: [0.06, 0.01],
+            walk: [0.3, 0.05, 0.5],
+            last_walk: 0.1,
+            pulls: 2,
+            data_deviation: 0.02,
+            independent_points: 8.0,
+            outside_weight: 1.0,
+            outside_scale: 0.12,
+            inside_weight: 0.15,
+            inside_scale: 0.06,
+            bare_weight: 1.0,
+            bare_scale: 0.08,
+            normal_weight: 1.5,
+            coefficient_limit: 3.0,
+            starts: 4,
+            difference: 0.15,
+        }
+    }
+}
+
 /// The search for the first pose: hypotheses that are fitted coarsely and halved.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StartConfig {
+    /// What finds the first pose.
+    pub method: StartMethod,
+    /// The puppet gives a second opinion on the search if the second start comes within this ratio of the best energy,
+    /// such as 1.08; 0: never.
+    pub second_opinion_ratio: f64,
     /// Headings tried around the vertical.
     pub yaw_count: usize,
     /// Body vertices in the coarse fits.
@@ -159,6 +253,8 @@ pub struct Halving {
 impl Default for StartConfig {
     fn default() -> Self {
         Self {
+            method: StartMethod::Search,
+            second_opinion_ratio: 0.0,
             yaw_count: 12,
             coarse_vertex_count: 320,
             coarse_sample_count: 320,

@@ -1,11 +1,12 @@
 //! The body under the clothes of a captured sequence (P2): one identity, a pose for each frame.
 //!
-//! Frames → frame of reference → start on the first frame → identity of the first frames → tracking → joint refinement
+//! Frames → frame of reference → start on the first frame (search, puppet or given landmarks) → identity of the first frames → tracking → joint refinement
 //! → codes. Frames are read one at a time; only poses and codes grow with the sequence. Everything inside happens in
 //! metres, y up, in coordinates centred on the first frame; results are moved back at the end.
 
 mod body_levels;
 mod captured_frame;
+mod choose_start;
 mod clearances;
 mod clothed_surface;
 pub mod config;
@@ -15,6 +16,7 @@ mod limb_watch;
 mod orientation;
 mod paper2016;
 mod pose_solver;
+mod puppet;
 mod refine_identity;
 mod start_search;
 mod track_pose;
@@ -35,10 +37,11 @@ use self::frame_codes::{FrameQuality, is_temporal_jump, judge_frame};
 use self::kept_captures::KeptCaptures;
 use self::orientation::{Orientation, move_root};
 use self::pose_solver::{GivenLandmark, PosePrior, PoseSolver};
+pub use self::puppet::{PuppetFrame, follow_with_puppet};
 use self::refine_identity::{Contact, refine_pass, spread};
 use self::track_pose::TrackedFrame;
 use crate::artifacts::codes::Code;
-use crate::artifacts::fitted_sequence::{FittedFrame, FittedSequence, Landmark};
+use crate::artifacts::fitted_sequence::{FittedFrame, FittedSequence, Landmark, StartReport};
 use crate::artifacts::frames::{FrameError, FrameSource};
 use crate::artifacts::journal::Journal;
 use crate::body::{BodyModel, IdentityCoefficients};
@@ -77,6 +80,19 @@ pub enum FitSequenceError {
         name: String,
         /// The names it could be.
         known: String,
+    },
+    /// The start is to come from landmarks, and there are too few of them.
+    #[error(
+        "{frame}: has {found} given landmarks and a start from landmarks needs {needed}; give more with --landmarks, or \
+         start with the search"
+    )]
+    TooFewLandmarks {
+        /// The frame.
+        frame: String,
+        /// How many are given.
+        found: usize,
+        /// How many are needed.
+        needed: usize,
     },
     /// A solver failed.
     #[error("the solver failed: {0}")]
@@ -167,6 +183,8 @@ struct Track {
     frames: Vec<TrackedFrame>,
     /// Energy of the second-best start over that of the best, over the trial frames.
     rival_ratio: f64,
+    /// How the start was found.
+    start: StartReport,
 }
 
 impl Track {
@@ -382,6 +400,7 @@ impl<'a> Stage<'a> {
             rest_joints: self.model.surface().rest_joints(&track.identity),
             identity: track.identity,
             identity_covariance: track.covariance,
+            start: Some(track.start),
             smallest_clearance,
             frames,
             codes,

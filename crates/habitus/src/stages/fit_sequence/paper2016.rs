@@ -1,6 +1,7 @@
 //! The recipe of the paper: P2 §4 with the constants of §5 and L-BFGS-B.
 //!
-//! Deviation: the landmarks of a frame come from our own start and tracking instead of the Stitched Puppet (§4.2).
+//! Deviation: the landmarks of a frame come from our own start and tracking instead of the Stitched Puppet (§4.2), unless
+//! the sequence starts with our puppet.
 //! With frozen pairs and poses the body is linear in the identity, so every energy over the identity alone is summed
 //! into its exact quadratic once and handed to L-BFGS-B in that form; the values are the same.
 
@@ -11,8 +12,10 @@ use nalgebra::{DMatrix, DVector};
 
 use super::body_levels::PreparedIdentity;
 use super::captured_frame::CapturedFrame;
-use super::config::{ClothingForm, Paper2016Config};
+use super::config::{ClothingForm, Paper2016Config, StartMethod};
 use super::pose_solver::normalise_root;
+use super::puppet::PuppetFollower;
+use super::start_search::StartSearch;
 use super::{FitSequenceError, Stage, Track, progress};
 use crate::body::{BodySurface, IdentityCoefficients, rotation_vector};
 use crate::fitting::correspondence::{ClosestField, Correspondence};
@@ -36,7 +39,10 @@ pub(super) fn refit(
         progress(observer, "refine", done, steps + 1)
     };
     let recipe = Recipe { stage, config, fit_from_input: track.orientation.fit_from_input };
-    let landmarks = recipe.landmarks(track)?;
+    let landmarks = match stage.config.start.method {
+        StartMethod::Puppet => recipe.puppet_landmarks(track)?,
+        StartMethod::Search | StartMethod::Landmarks => recipe.landmarks(track)?,
+    };
 
     // Stage 1 (§4.5, initial identity estimation): frame by frame, then together.
     let initial: Vec<usize> = trusted.iter().copied().take(config.initial_frames).collect();
@@ -122,6 +128,20 @@ impl Recipe<'_> {
                 self.stage.model.landmark_vertices().iter().map(|v| vertices[*v as usize]).collect()
             })
             .collect())
+    }
+
+    /// l_i(F) of P2 §4.2: the puppet's, frame after frame. Where a frame cannot be read, those of the tracked body.
+    fn puppet_landmarks(&self, track: &Track) -> Result<Vec<Vec<DVec3>>, FitSequenceError> {
+        let mut landmarks = self.landmarks(track)?;
+        let search = StartSearch::new(self.stage.model, &self.stage.config.start);
+        let mut follower = PuppetFollower::new(self.stage, &search);
+        for (frame, own) in landmarks.iter_mut().enumerate() {
+            if let Ok(capture) = self.stage.load(frame, &self.fit_from_input) {
+                let body = follower.next(&capture);
+                *own = body.landmarks.iter().map(|landmark| landmark.position).collect();
+            }
+        }
+        Ok(landmarks)
     }
 
     /// The rest pose, moved rigidly onto the landmarks.

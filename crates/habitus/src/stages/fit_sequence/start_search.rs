@@ -39,6 +39,9 @@ pub(super) struct StartSearch<'a> {
 /// Weight of the tangential part of a pair: enough to draw limbs along, too little to stop sliding.
 const TANGENTIAL_WEIGHT: f64 = 0.1;
 
+/// Share of the search after which a start from elsewhere joins it.
+const FINISH_FROM: f64 = 0.5;
+
 impl<'a> StartSearch<'a> {
     pub fn new(model: &'a BodyModel, config: &'a StartConfig) -> Self {
         let level = BodyLevel::spread(model, config.coarse_vertex_count, config.component_count);
@@ -46,6 +49,29 @@ impl<'a> StartSearch<'a> {
         let rest_normals = level.vertices.iter().map(|v| normals[*v as usize]).collect();
         let clusters = pose_clusters(model);
         Self { level, rest_normals, clusters, config }
+    }
+
+    /// The body of the search.
+    pub fn level(&self) -> &BodyLevel {
+        &self.level
+    }
+
+    /// The poses that hypotheses come from.
+    pub fn clusters(&self) -> &[Vec<f64>] {
+        &self.clusters
+    }
+
+    /// The vertices of a start at the level of the search, in metres.
+    pub fn vertices(&self, start: &Start) -> Vec<DVec3> {
+        let surface = &self.level.surface;
+        let posed = surface.skeleton().pose(&surface.rest_joints(&start.identity), &start.pose);
+        surface.skin_vertices(&surface.rest_vertices(&start.identity), &posed)
+    }
+
+    /// The last steps of the search for a start from elsewhere.
+    pub fn finish(&self, frame: &CapturedFrame, start: Start, identity_is_known: bool) -> Start {
+        let steps = self.config.halvings.last().map_or(0, |halving| halving.steps);
+        self.improve(frame, start, identity_is_known, steps, [FINISH_FROM, 1.0])
     }
 
     /// The best starts, best first. `captures` are one frame in the orientations that are possible; they compete in

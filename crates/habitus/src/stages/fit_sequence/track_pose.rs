@@ -1,4 +1,4 @@
-//! Starts on the first frame, estimates a first identity, and tracks the pose through the sequence (P2 §4.5).
+//! Estimates a first identity and tracks the pose through the sequence (P2 §4.5).
 
 use std::sync::mpsc::sync_channel;
 
@@ -8,12 +8,14 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use super::captured_frame::{CapturedFrame, LimbSearch};
+use super::choose_start::Started;
 use super::kept_captures::KeptCaptures;
-use super::orientation::{Orientation, candidates};
+use super::orientation::Orientation;
 use super::pose_solver::{PosePrior, PoseSolution, PoseSolver};
 use super::refine_identity::Contact;
 use super::start_search::{Start, StartSearch};
 use super::{FitSequenceError, Stage, Track, progress};
+use crate::artifacts::fitted_sequence::StartReport;
 use crate::artifacts::journal::Journal;
 
 /// A frame that tracking has been through.
@@ -60,21 +62,11 @@ enum Entry {
         first_frame: usize,
         pose: Vec<f64>,
         rival_ratio: f64,
+        report: StartReport,
     },
     Tracked(TrackedFrame),
 }
 
-/// A started sequence.
-struct Started {
-    orientation: Orientation,
-    identity: Vec<f64>,
-    first_frame: usize,
-    pose: Vec<f64>,
-    rival_ratio: f64,
-}
-
-/// Starts whose joints all lie closer than this are not rivals: tracking brings them together.
-const RIVAL_DISTANCE: f64 = 0.2;
 /// A frame whose energy exceeds what is usual by this factor is searched afresh.
 const SUSPICIOUS_RATIO: f64 = 1.8;
 
@@ -89,9 +81,9 @@ impl Stage<'_> {
         let mut resumed = None;
         for entry in journal.finished::<Entry>() {
             match entry {
-                Entry::Started { orientation, identity, first_frame, pose, rival_ratio } => {
+                Entry::Started { orientation, identity, first_frame, pose, rival_ratio, report } => {
                     let orientation = *orientation;
-                    resumed = Some(Started { orientation, identity, first_frame, pose, rival_ratio });
+                    resumed = Some(Started { orientation, identity, first_frame, pose, rival_ratio, report });
                 }
                 Entry::Tracked(frame) => frames.push(frame),
             }
@@ -106,6 +98,7 @@ impl Stage<'_> {
                     first_frame: started.first_frame,
                     pose: started.pose.clone(),
                     rival_ratio: started.rival_ratio,
+                    report: started.report.clone(),
                 };
                 journal.append(&entry).map_err(FitSequenceError::Journal)?;
                 started
@@ -120,84 +113,12 @@ impl Stage<'_> {
             covariance: DMatrix::identity(width, width),
             frames,
             rival_ratio: started.rival_ratio,
+            start: started.report,
         })
-    }
-
-    /// The best start over orientations and rivals, and the identity of the first frames.
-    fn start(&self) -> Result<Started, FitSequenceError> {
-        let search = StartSearch::new(self.model, &self.config.start);
-        let (first_frame, best) = self.first_starts(&search)?;
-        let smallest = best.iter().map(|(_, start)| start.energy).fold(f64::INFINITY, f64::min);
-        let mut rivals: Vec<(Orientation, Start)> = Vec::new();
-        for (orientation, start) in best {
-            let is_close = start.energy <= self.config.start.rival_ratio * smallest;
-            if is_close
-                && rivals.iter().all(|(_, other)| search.joint_distance(other, &start) > RIVAL_DISTANCE)
-            {
-                rivals.push((orientation, start));
-            }
-        }
-        let mut tried = Vec::new();
-        for (orientation, start) in rivals {
-            let energy = self.try_start(&orientation, &start, first_frame)?;
-            tried.push((energy, orientation, start));
-        }
-        tried.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let rival_ratio = match &tried[..] {
-            [best, second, ..] => second.0 / best.0.max(f64::MIN_POSITIVE),
-            _ => self.config.start.rival_ratio,
-        };
-        let Some((_, orientation, start)) = tried.into_iter().next() else {
-            return Err(FitSequenceError::NoUsableFrame);
-        };
-        let mut identity = start.identity;
-        identity.resize(self.component_count, 0.0);
-        let mut track = Track {
-            orientation,
-            covariance: DMatrix::identity(self.component_count, self.component_count),
-            identity,
-            frames: Vec::new(),
-            rival_ratio,
-        };
-        self.initial_identity(&mut track, first_frame, &start.pose)?;
-        let pose = track.frames[0].pose.clone();
-        Ok(Started {
-            orientation: track.orientation,
-            identity: track.identity,
-            first_frame,
-            pose,
-            rival_ratio,
-        })
-    }
-
-    /// Searches the first frame that can be used, in every orientation that is possible.
-    fn first_starts(
-        &self,
-        search: &StartSearch<'_>,
-    ) -> Result<(usize, Vec<(Orientation, Start)>), FitSequenceError> {
-        let orientations = candidates(self.source, self.config)?;
-        let mut first_error = None;
-        for frame in 0..self.source.len() {
-            let captures: Result<Vec<CapturedFrame>, FitSequenceError> = orientations
-                .iter()
-                .map(|orientation| self.load(frame, &orientation.fit_from_input))
-                .collect();
-            match captures {
-                Ok(captures) => {
-                    let starts = search.search(&captures, None, &[]);
-                    let of = |start: &Start| orientations[start.capture].clone();
-                    return Ok((frame, starts.into_iter().map(|start| (of(&start), start)).collect()));
-                }
-                Err(error) => {
-                    first_error.get_or_insert(error);
-                }
-            }
-        }
-        Err(first_error.unwrap_or(FitSequenceError::NoUsableFrame))
     }
 
     /// Mean energy of a start tracked through the trial frames.
-    fn try_start(
+    pub(super) fn try_start(
         &self,
         orientation: &Orientation,
         start: &Start,
@@ -220,7 +141,7 @@ impl Stage<'_> {
     }
 
     /// P2 §4.5, initial identity: tracks the first frames and refines over some of them.
-    fn initial_identity(
+    pub(super) fn initial_identity(
         &self,
         track: &mut Track,
         first_frame: usize,

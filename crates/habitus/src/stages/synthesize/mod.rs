@@ -293,6 +293,7 @@ fn rigged(dressed: &ClothingLayer, motion: &Motion) -> RiggedSequence {
         identity_covariance: DMatrix::zeros(component_count, component_count),
         rest_vertices: dressed.rest_vertices.clone(),
         rest_joints: dressed.rest_joints.clone(),
+        start: None,
         smallest_clearance: vec![0.0; dressed.rest_vertices.len()],
         frames: frames.collect(),
         codes: Vec::new(),
