@@ -46,7 +46,7 @@ pub(super) struct Contact<'a> {
 /// The identity after a pass, with the curvature of the energy there.
 pub(super) struct IdentityStep {
     pub identity: Vec<f64>,
-    /// Inverse of the normal matrix, prior included: the posterior covariance in standard deviations.
+    /// Posterior covariance in standard deviations: inverse of the normal matrix, prior included, its data doubted.
     pub covariance: DMatrix<f64>,
     /// What the frames of the pass saw between skin and cloth.
     pub clearances: Clearances,
@@ -129,9 +129,15 @@ fn identity_step(
     let upper: Vec<f64> = identity.iter().map(|z| limit - z).collect();
     let step = minimize_box_quadratic(&symmetric, &gradient, &lower, &upper)?;
     let next = identity.iter().zip(step.step.iter()).map(|(z, d)| (z + d).clamp(-limit, limit)).collect();
-    let covariance =
-        symmetric.cholesky().map_or_else(|| DMatrix::identity(width, width), |factor| factor.inverse());
-    Ok((next, covariance))
+    Ok((next, stated_covariance(&symmetric, config.error_over_curvature)))
+}
+
+/// Covariance of the coefficients when the data say less than their curvature claims: the population's share of the
+/// normal matrix, the identity, stays; the data's is divided by the square of `error_over_curvature`.
+fn stated_covariance(normal_matrix: &DMatrix<f64>, error_over_curvature: f64) -> DMatrix<f64> {
+    let population = DMatrix::identity(normal_matrix.nrows(), normal_matrix.nrows());
+    let data = (normal_matrix - &population) / (error_over_curvature * error_over_curvature);
+    (data + &population).cholesky().map_or(population, |factor| factor.inverse())
 }
 
 fn frame_share(
@@ -231,4 +237,18 @@ pub(super) fn signed_distances(field: &ClosestField, vertices: &[DVec3]) -> Vec<
             if (*vertex - point.position).dot(point.normal) > 0.0 { distance } else { -distance }
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_doubted_curvature_doubles_what_is_well_known_and_leaves_what_only_the_population_knows() {
+        let normal_matrix = DMatrix::from_diagonal(&DVector::from_vec(vec![1.0 + 1e8, 1.0]));
+        let [trusted, doubted] = [1.0, 2.0].map(|ratio| stated_covariance(&normal_matrix, ratio));
+        // 1e8 standard deviations' worth of data leave one part in 1e8 to the population.
+        assert!((doubted[(0, 0)] / trusted[(0, 0)] - 4.0).abs() < 1e-6);
+        assert!((doubted[(1, 1)] - 1.0).abs() < 1e-12 && (trusted[(1, 1)] - 1.0).abs() < 1e-12);
+    }
 }
