@@ -114,7 +114,6 @@ fn identity_step(
     vertex_count: usize,
     config: &RefineConfig,
 ) -> Result<(Vec<f64>, DMatrix<f64>), FitSequenceError> {
-    let width = identity.len();
     let scale = config.independent_residuals
         / (vertex_count.max(1) as f64 * config.residual_deviation * config.residual_deviation);
     matrix *= scale;
