@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::bench::{FRAMES, Fitted, fit_into, fitted, quick_settings, run};
 use crate::words;
 
-const SUMMARY_KEYS: [&str; 12] = [
+const SUMMARY_KEYS: [&str; 13] = [
     "verb",
     "version",
     "frames",
@@ -20,6 +20,7 @@ const SUMMARY_KEYS: [&str; 12] = [
     "outside_mean_mm",
     "measurements",
     "peak_memory_mb",
+    "start",
     "truth",
 ];
 
@@ -59,7 +60,7 @@ fn a_run_holds_exactly_the_files_of_the_contract() {
 #[test]
 fn the_summary_has_the_keys_of_the_contract() {
     let summary = json(&fitted().run.join("summary.json"));
-    assert_eq!(keys(&summary), sorted(&SUMMARY_KEYS[..11]));
+    assert_eq!(keys(&summary), sorted(&SUMMARY_KEYS[..12]));
     assert_eq!(keys(&summary["seconds"]), sorted(&["total", "start", "track", "refine", "io"]));
     assert_eq!(summary["verb"], "fit-sequence");
     assert_eq!(
@@ -174,7 +175,7 @@ fn a_part_of_a_sequence_is_compared_with_its_own_frames() {
     fit_into(&fitted().captures, &out, &part);
     run(words!["evaluate", "sequence", out, "--truth", fitted().captures, "-o", numbers]).expect(0);
     let summary = json(&out.join("summary.json"));
-    assert_eq!(keys(&summary), sorted(&SUMMARY_KEYS[..11]), "the same keys from the paper's recipe");
+    assert_eq!(keys(&summary), sorted(&SUMMARY_KEYS[..12]), "the same keys from the paper's recipe");
     assert_eq!(summary["frames"], 2);
     let metrics = json(&numbers.join("metrics.json"));
     let accuracy = &metrics["overall"];
@@ -314,7 +315,7 @@ fn a_demo_compares_its_fit_with_the_truth() {
     assert_eq!(answer.result.lines().count(), 1, "quiet leaves the result only: {answer:?}");
     assert!(answer.messages.lines().all(|line| line.starts_with("warning: ")), "{answer:?}");
     let summary = json(&out.join("summary.json"));
-    assert_eq!(keys(&summary), sorted(&SUMMARY_KEYS[..12]));
+    assert_eq!(keys(&summary), sorted(&SUMMARY_KEYS));
     assert_eq!(summary["verb"], "demo");
     for key in [
         "posed_mean_mm",
