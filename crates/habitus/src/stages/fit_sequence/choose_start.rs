@@ -160,7 +160,7 @@ impl Stage<'_> {
             .par_iter()
             .filter_map(|(place, body)| {
                 let landmarks = self.weighted(&body.landmarks);
-                start_at_landmarks(search, (*place, &captures[*place]), &landmarks, None)
+                start_at_landmarks(search, (*place, &captures[*place]), &landmarks)
             })
             .collect();
         starts.sort_by(|a, b| a.energy.total_cmp(&b.energy));
@@ -191,7 +191,7 @@ impl Stage<'_> {
             .filter_map(|(place, capture)| {
                 let landmarks: Vec<_> =
                     capture.landmarks.iter().map(|given| (given.vertex, given.position, 1.0)).collect();
-                start_at_landmarks(search, (place, capture), &landmarks, None)
+                start_at_landmarks(search, (place, capture), &landmarks)
             })
             .collect();
         if starts.is_empty() {

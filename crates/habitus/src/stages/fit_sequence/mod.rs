@@ -1,8 +1,9 @@
 //! The body under the clothes of a captured sequence (P2): one identity, a pose for each frame.
 //!
-//! Frames → frame of reference → start on the first frame (search, puppet or given landmarks) → identity of the first frames → tracking → joint refinement
-//! → codes. Frames are read one at a time; only poses and codes grow with the sequence. Everything inside happens in
-//! metres, y up, in coordinates centred on the first frame; results are moved back at the end.
+//! Frames → frame of reference → start on the first frame (search, puppet or given landmarks) → identity of the first
+//! frames → tracking → joint refinement → codes. Frames are read one at a time; only poses and codes grow with the
+//! sequence. Everything inside happens in metres, y up, in coordinates centred on the first frame; results are moved back
+//! at the end.
 
 mod body_levels;
 mod captured_frame;

@@ -69,9 +69,9 @@ impl<'a> StartSearch<'a> {
     }
 
     /// The last steps of the search for a start from elsewhere.
-    pub fn finish(&self, frame: &CapturedFrame, start: Start, identity_is_known: bool) -> Start {
+    pub fn finish(&self, frame: &CapturedFrame, start: Start) -> Start {
         let steps = self.config.halvings.last().map_or(0, |halving| halving.steps);
-        self.improve(frame, start, identity_is_known, steps, [FINISH_FROM, 1.0])
+        self.improve(frame, start, false, steps, [FINISH_FROM, 1.0])
     }
 
     /// The best starts, best first. `captures` are one frame in the orientations that are possible; they compete in
