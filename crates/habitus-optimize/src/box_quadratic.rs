@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::SolveError;
+use crate::dense_cholesky::solve_positive_definite;
 
 /// Where a variable of a box-constrained minimum lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -127,9 +128,8 @@ fn solve_free(
     };
     let full = slopes(h, g, step);
     let mut right = DVector::from_iterator(free.len(), free.iter().map(|&i| -full[i]));
-    let factor = matrix.cholesky().ok_or(SolveError::NotPositiveDefinite { free_count: free.len() })?;
-    factor.solve_mut(&mut right);
-    if right.iter().any(|entry| !entry.is_finite()) {
+    let is_definite = solve_positive_definite(matrix, &mut right);
+    if !is_definite || right.iter().any(|entry| !entry.is_finite()) {
         return Err(SolveError::NotPositiveDefinite { free_count: free.len() });
     }
     for (&i, &entry) in free.iter().zip(right.iter()) {

@@ -27,6 +27,7 @@ mod bounds;
 mod box_quadratic;
 mod check;
 mod chunks;
+mod dense_cholesky;
 mod error;
 mod gauss_newton;
 mod lbfgsb;

@@ -111,14 +111,15 @@ impl ShapeMoments {
             let factors: Vec<[f64; 6]> =
                 panel.iter().map(|vertex| lower_factor(&self.second[*vertex])).collect();
             let row_count = factors.iter().map(|factor| 1 + rank_beyond_one(factor)).sum();
-            let mut stacked = DMatrix::<f64>::zeros(row_count, width);
+            let columns = moving_components(surface, panel);
+            let mut stacked = DMatrix::<f64>::zeros(row_count, columns.len());
             let mut first_row = 0;
             for (factor, vertex) in factors.iter().zip(panel) {
                 let rank = 1 + rank_beyond_one(factor);
                 let rows = surface.vertex_basis(*vertex);
-                for component in 0..width {
+                for (column, component) in columns.iter().enumerate() {
                     let a = [
-                        f64::from(rows[component]),
+                        f64::from(rows[*component]),
                         f64::from(rows[width + component]),
                         f64::from(rows[2 * width + component]),
                     ];
@@ -128,15 +129,37 @@ impl ShapeMoments {
                         factor[5] * a[2],
                     ];
                     for (row, product) in products.into_iter().take(rank).enumerate() {
-                        stacked[(first_row + row, component)] = product;
+                        stacked[(first_row + row, column)] = product;
                     }
                 }
                 first_row += rank;
             }
             // Not gemm_tr, which is a loop of dot products.
-            matrix.gemm(1.0, &stacked.transpose(), &stacked, 1.0);
+            if columns.len() == width {
+                matrix.gemm(1.0, &stacked.transpose(), &stacked, 1.0);
+                continue;
+            }
+            let mut product = DMatrix::<f64>::zeros(columns.len(), columns.len());
+            product.gemm(1.0, &stacked.transpose(), &stacked, 0.0);
+            for (column, target) in columns.iter().enumerate() {
+                for (row, other) in columns.iter().enumerate() {
+                    matrix[(*other, *target)] += product[(row, column)];
+                }
+            }
         }
     }
+}
+
+/// Components that move any of these vertices: local shapes reach few, and their zeros stay out of the products.
+fn moving_components(surface: &BodySurface, vertices: &[usize]) -> Vec<usize> {
+    let width = surface.component_count();
+    let mut moves = vec![false; width];
+    for vertex in vertices {
+        for row in surface.vertex_basis(*vertex).chunks_exact(width.max(1)) {
+            moves.iter_mut().zip(row).for_each(|(moves, entry)| *moves |= *entry != 0.0);
+        }
+    }
+    (0..width).filter(|component| moves[*component]).collect()
 }
 
 /// How many rows after the first a factor has that are not zero.
@@ -353,6 +376,9 @@ impl BodyAssembly {
     }
 
     /// The joints' share: d translation_j = d posed_joint_j − R_j d joint_j pulls on every wrench's force.
+    ///
+    /// With G the translations' derivatives, F the forces' share of `cross` and K the blocks between forces, the identity
+    /// gets Fᵀ G + Gᵀ F + Gᵀ K G. All bones are stacked, so that a few matrix products do the work.
     fn add_identity(
         &self,
         surface: &BodySurface,
@@ -361,80 +387,54 @@ impl BodyAssembly {
         equations: &mut FrameEquations,
     ) {
         let width = self.component_count;
-        let translations = translation_derivatives(surface, posed);
-        for bone in 0..self.bone_count {
-            let force = DVec3::from_slice(&self.wrench_gradient[bone][3..]);
-            for (k, row) in translations.iter().enumerate() {
-                equations.identity_gradient[k] += force.dot(row[bone]);
-            }
-        }
+        let derivatives = translation_derivatives(surface, posed);
+        let translations =
+            DMatrix::from_fn(3 * self.bone_count, width, |row, k| derivatives[k][row / 3][row % 3]);
+        let pulls =
+            DVector::from_fn(3 * self.bone_count, |row, _| self.wrench_gradient[row / 3][3 + row % 3]);
+        equations.identity_gradient.gemv_tr(1.0, &translations, &pulls, 1.0);
         if !self.with_matrix {
             return;
         }
+        let mut wrenches = DMatrix::from_row_slice(6 * self.bone_count, width, &self.cross);
+        let caused = self.wrenches_of_translations() * &translations;
+        let half = DMatrix::from_fn(3 * self.bone_count, width, |row, k| {
+            let force = 6 * (row / 3) + 3 + row % 3;
+            wrenches[(force, k)] + 0.5 * caused[(force, k)]
+        });
+        let product = translations.transpose() * half;
+        equations.identity_matrix += product.transpose();
+        equations.identity_matrix += product;
+        wrenches += caused;
+        let mut motions = DMatrix::zeros(equations.pose_identity.nrows(), 6 * self.bone_count);
         for bone in 0..self.bone_count {
-            let cross = &self.cross[bone * 6 * width..(bone + 1) * 6 * width];
             for parameter in surface.skeleton().chain(bone) {
-                for axis in 0..6 {
-                    let factor = twists[*parameter][axis];
-                    for k in 0..width {
-                        equations.pose_identity[(*parameter, k)] += factor * cross[axis * width + k];
-                    }
-                }
-            }
-            // Aᵀq ⊗ G_j and its transpose.
-            for axis in 0..3 {
-                let forces = &cross[(3 + axis) * width..(4 + axis) * width];
-                for (k, row) in translations.iter().enumerate() {
-                    let factor = row[bone][axis];
-                    if factor != 0.0 {
-                        for (l, entry) in forces.iter().enumerate() {
-                            equations.identity_matrix[(l, k)] += entry * factor;
-                            equations.identity_matrix[(k, l)] += entry * factor;
-                        }
-                    }
+                for (axis, entry) in twists[*parameter].iter().enumerate() {
+                    motions[(*parameter, 6 * bone + axis)] = *entry;
                 }
             }
         }
-        self.add_joint_blocks(surface, twists, &translations, equations);
+        equations.pose_identity.gemm(1.0, &motions, &wrenches, 1.0);
     }
 
-    fn add_joint_blocks(
-        &self,
-        surface: &BodySurface,
-        twists: &[Wrench],
-        translations: &[Vec<DVec3>],
-        equations: &mut FrameEquations,
-    ) {
+    /// The wrench on each bone (6 rows) that each bone's translation (3 columns) causes.
+    fn wrenches_of_translations(&self) -> DMatrix<f64> {
+        let mut matrix = DMatrix::zeros(6 * self.bone_count, 3 * self.bone_count);
         for a in 0..self.bone_count {
             for b in a..self.bone_count {
                 if !self.touched[a * self.bone_count + b] {
                     continue;
                 }
                 let block = &self.wrench_blocks[a * self.bone_count + b];
-                let mut pairs = vec![(a, b, *block)];
-                if a != b {
-                    pairs.push((b, a, std::array::from_fn(|i| block[6 * (i % 6) + i / 6])));
-                }
-                for (from, to, block) in pairs {
-                    // images[k] = block · (0, G_to[k]): the wrench on `from` that component k causes through `to`.
-                    let images: Vec<Wrench> = translations
-                        .iter()
-                        .map(|row| multiply6(&block, &[0.0, 0.0, 0.0, row[to].x, row[to].y, row[to].z]))
-                        .collect();
-                    for parameter in surface.skeleton().chain(from) {
-                        for (k, image) in images.iter().enumerate() {
-                            equations.pose_identity[(*parameter, k)] += dot6(&twists[*parameter], image);
-                        }
-                    }
-                    for (k, image) in images.iter().enumerate() {
-                        let force = DVec3::from_slice(&image[3..]);
-                        for (l, row) in translations.iter().enumerate() {
-                            equations.identity_matrix[(l, k)] += row[from].dot(force);
-                        }
+                for row in 0..6 {
+                    for axis in 0..3 {
+                        matrix[(6 * a + row, 3 * b + axis)] = block[6 * row + 3 + axis];
+                        matrix[(6 * b + row, 3 * a + axis)] = block[6 * (3 + axis) + row];
                     }
                 }
             }
         }
+        matrix
     }
 }
 
