@@ -9,6 +9,7 @@ mod deformer;
 pub mod deformers;
 mod fit;
 pub mod gaps;
+pub mod local_shapes;
 pub mod model_fit;
 pub mod retarget;
 pub mod same_topology;

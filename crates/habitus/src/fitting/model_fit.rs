@@ -12,6 +12,7 @@ use super::Fit;
 use super::correspondence::Correspondence;
 use super::deformers::{BodyParameters, FreeParameters};
 use super::gaps::{GapRules, ScanPoints, gaps_of_scan, gaps_of_vertices};
+use super::local_shapes::{LocalShapeConfig, with_local_shapes};
 use super::terms::{ClosestPoints, DistanceForm, LandmarkPull, LandmarkTargets, StayNear};
 use crate::body::{BodyModel, BodySurface, IdentityCoefficients, ROOT_LENGTH};
 
@@ -60,25 +61,6 @@ pub struct ModelFitConfig {
     pub levels: Vec<ModelRounds>,
 }
 
-/// Local shapes: around centres that are spread over the body, each a displacement along x, y or z that falls off like a
-/// Gaussian. They take up what the space cannot express, which would otherwise bend the space's own components.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct LocalShapeConfig {
-    /// Number of centres; zero for none.
-    pub centres: usize,
-    /// Standard deviation of the fall-off, millimetres.
-    pub radius_mm: f64,
-    /// Standard deviation of a displacement, millimetres.
-    pub amplitude_mm: f64,
-}
-
-impl Default for LocalShapeConfig {
-    fn default() -> Self {
-        Self { centres: 150, radius_mm: 90.0, amplitude_mm: 5.0 }
-    }
-}
-
 impl Default for ModelFitConfig {
     fn default() -> Self {
         let level = |rounds, vertex_count, sample_count, components, [distance_mm, robust_mm]: [f64; 2]| {
@@ -113,6 +95,7 @@ pub struct GivenLandmark {
 /// Some vertices of the body as a surface of their own.
 pub(super) struct Level {
     pub(super) vertices: Vec<u32>,
+    /// The vertices, and behind them those of the landmarks.
     pub(super) surface: BodySurface,
     /// For each vertex of the body its nearest one of the level.
     nearest: Vec<u32>,
@@ -134,21 +117,21 @@ impl<'a> ModelFitter<'a> {
     pub fn new(model: &'a BodyModel, config: &'a ModelFitConfig, landmark_vertices: &[u32]) -> Self {
         let most = config.levels.iter().map(|level| level.vertex_count).max().unwrap_or(0);
         let order = farthest_points(model.mean_vertices(), most.max(config.local.centres));
-        let surface =
-            with_local_shapes(model, &order[..config.local.centres.min(order.len())], &config.local);
+        let surface = with_local_shapes(model, &order, &config.local);
+        let mut landmark_vertices = landmark_vertices.to_vec();
+        landmark_vertices.sort_unstable();
+        landmark_vertices.dedup();
         let levels = config.levels.iter().map(|rounds| {
             let mut vertices = order[..rounds.vertex_count.min(order.len())].to_vec();
             vertices.sort_unstable();
             let components = if rounds.local { surface.component_count() } else { rounds.components };
-            let surface = surface.truncated(components.min(surface.component_count())).subset(&vertices);
+            let chosen: Vec<u32> = vertices.iter().chain(&landmark_vertices).copied().collect();
+            let surface = surface.subset(&chosen).truncated(components.min(surface.component_count()));
             let nearest = nearest_of(model, &vertices);
             Level { vertices, surface, nearest }
         });
-        let mut landmark_vertices = landmark_vertices.to_vec();
-        landmark_vertices.sort_unstable();
-        landmark_vertices.dedup();
-        let landmark_level = model.surface().subset(&landmark_vertices);
         let levels = levels.collect();
+        let landmark_level = model.surface().subset(&landmark_vertices);
         Self { model, config, levels, landmark_vertices, landmark_level, surface }
     }
 
@@ -184,7 +167,7 @@ impl<'a> ModelFitter<'a> {
         iterations: usize,
     ) -> Result<(), SolveError> {
         let surface = self.landmark_level.truncated(components);
-        let pulls = self.pulls(&self.landmark_vertices, landmarks, 1.0);
+        let pulls = self.pulls(landmarks, 0, 1.0);
         let scale = (self.config.landmark_mm / 1000.0).powi(2);
         let term = LandmarkTargets::new(&pulls);
         self.solve(&surface, state, &[&term], scale, iterations)
@@ -221,21 +204,10 @@ impl<'a> ModelFitter<'a> {
         // Weights of a round sum to about the number of vertices; the prior counts against independent places.
         let count = level.vertices.len() as f64;
         let variance = (self.config.residual_mm / 1000.0).powi(2) * count / self.config.independent_residuals;
-        if landmarks.is_empty() {
-            return self.solve(&level.surface, state, &[&term], variance, 1);
-        }
-        // Landmarks are vertices of their own behind those of the level.
-        let first = level.vertices.len() as u32;
-        let mut chosen = level.vertices.clone();
-        chosen.extend(landmarks.iter().map(|landmark| landmark.vertex));
-        let surface = self.surface.truncated(level.surface.component_count()).subset(&chosen);
         let confidence = variance / (self.config.landmark_mm / 1000.0).powi(2);
-        let pulls: Vec<LandmarkPull> = (first..)
-            .zip(landmarks)
-            .map(|(vertex, landmark)| LandmarkPull { vertex, target: landmark.position, confidence })
-            .collect();
+        let pulls = self.pulls(landmarks, level.vertices.len(), confidence);
         let marks = LandmarkTargets::new(&pulls);
-        self.solve(&surface, state, &[&term, &marks], variance, 1)
+        self.solve(&level.surface, state, &[&term, &marks], variance, 1)
     }
 
     /// Gaps of both directions, gathered at the vertices of the level: one residual for each.
@@ -294,11 +266,12 @@ impl<'a> ModelFitter<'a> {
             .collect()
     }
 
-    fn pulls(&self, vertices: &[u32], landmarks: &[GivenLandmark], confidence: f64) -> Vec<LandmarkPull> {
+    /// Pulls on the landmarks' vertices, which stand behind the first `behind` of a surface.
+    fn pulls(&self, landmarks: &[GivenLandmark], behind: usize, confidence: f64) -> Vec<LandmarkPull> {
         landmarks
             .iter()
             .filter_map(|landmark| {
-                let slot = vertices.binary_search(&landmark.vertex).ok()?;
+                let slot = behind + self.landmark_vertices.binary_search(&landmark.vertex).ok()?;
                 Some(LandmarkPull { vertex: slot as u32, target: landmark.position, confidence })
             })
             .collect()
@@ -337,25 +310,6 @@ impl<'a> ModelFitter<'a> {
         state.identity = parameters;
         Ok(())
     }
-}
-
-/// The model's surface with local shapes behind its own components.
-fn with_local_shapes(model: &BodyModel, centres: &[u32], config: &LocalShapeConfig) -> BodySurface {
-    let mean = model.mean_vertices();
-    let (radius, amplitude) = (config.radius_mm / 1000.0, config.amplitude_mm / 1000.0);
-    let mut directions = Vec::with_capacity(3 * centres.len());
-    for centre in centres {
-        let middle = mean[*centre as usize];
-        let strengths: Vec<f64> = mean
-            .iter()
-            .map(|vertex| amplitude * (-0.5 * vertex.distance_squared(middle) / (radius * radius)).exp())
-            .collect();
-        directions.extend(
-            DVec3::AXES.map(|axis| strengths.iter().map(|strength| axis * *strength).collect::<Vec<DVec3>>()),
-        );
-    }
-    let joints = directions.iter().map(|direction| model.joints(direction)).collect();
-    model.surface().with_components(&directions, joints)
 }
 
 /// For each vertex of the mean body the place in `chosen` of its nearest one.
