@@ -396,7 +396,7 @@ pub struct RefineConfig {
     /// Errors of measurements over what the curvature of the energy says of them, for the stated ±: cloth errs together.
     /// Chosen on one subject of the benchmark (1.1 in tight, 1.7 in wide, 4.1 in layered clothing).
     pub error_over_curvature: f64,
-    /// Smoothness of angles over time in the final pass, per vertex and squared radian.
+    /// Smoothness of angles over time while the identity is refined, per vertex and squared radian.
     pub smoothness: f64,
     /// How far above a vertex's smallest clearance a frame still attracts it.
     pub clearance_tolerance: f64,
@@ -421,6 +421,11 @@ pub struct RefineConfig {
     pub final_outside_weight: f64,
     /// Outside tolerance of the final pass.
     pub final_outside_tolerance: f64,
+    /// Frames on both sides over which poses are smoothed before the final pass; zero for none.
+    pub smoothing_reach: usize,
+    /// Pull to the smoothed pose in the final pass, per vertex: of root translations over a square metre, of root rotations
+    /// and of angles over a square radian.
+    pub smoothing_stiffness: [f64; 3],
     /// Pose rounds of the final pass over all frames, before one more on all vertices.
     pub final_rounds: usize,
 }
@@ -454,6 +459,8 @@ impl Default for RefineConfig {
             bare_capture_weight: 0.75,
             final_outside_weight: 60.0,
             final_outside_tolerance: 0.001,
+            smoothing_reach: 5,
+            smoothing_stiffness: [0.1, 0.02, 1e-3],
             final_rounds: 2,
         }
     }

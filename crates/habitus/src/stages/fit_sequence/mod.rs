@@ -19,6 +19,7 @@ mod paper2016;
 mod pose_solver;
 mod puppet;
 mod refine_identity;
+mod smooth_motion;
 mod start_search;
 mod track_pose;
 
@@ -40,6 +41,7 @@ use self::orientation::{Orientation, move_root};
 use self::pose_solver::{GivenLandmark, PosePrior, PoseSolver};
 pub use self::puppet::{PuppetFrame, follow_with_puppet};
 use self::refine_identity::{Contact, refine_pass, spread};
+use self::smooth_motion::smoothed;
 use self::track_pose::TrackedFrame;
 use crate::artifacts::codes::Code;
 use crate::artifacts::fitted_sequence::{FittedFrame, FittedSequence, Landmark, StartReport};
@@ -284,7 +286,7 @@ impl<'a> Stage<'a> {
         let track = &self.config.track;
         let mut prior = PosePrior {
             angles: vec![(vec![0.0; poses[frame].len()], track.rest_stiffness)],
-            landmarks: Vec::new(),
+            ..PosePrior::default()
         };
         if frame > 0 && frame + 1 < poses.len() {
             let mean = poses[frame - 1].iter().zip(&poses[frame + 1]).map(|(a, b)| 0.5 * (a + b)).collect();
@@ -354,7 +356,9 @@ impl<'a> Stage<'a> {
         let solver = self.solver_at(&self.full, &self.final_surface, &track.identity)?;
         let medium = self.solver_at(&self.medium, &self.final_surface, &track.identity)?;
         let fit_from_input = track.orientation.fit_from_input;
-        let tracked: Vec<Vec<f64>> = track.frames.iter().map(|frame| frame.pose.clone()).collect();
+        let found: Vec<Vec<f64>> = track.frames.iter().map(|frame| frame.pose.clone()).collect();
+        let is_trusted = |frame: usize| track.frames[frame].is_trusted();
+        let motion = smoothed(&found, &is_trusted, self.config.refine.smoothing_reach);
         let mut smallest_clearance = vec![f64::INFINITY; self.full.vertices.len()];
         let mut frames = Vec::with_capacity(track.frames.len());
         const BATCH: usize = 8;
@@ -366,7 +370,7 @@ impl<'a> Stage<'a> {
                         [&medium, &solver],
                         &track.frames[*frame],
                         *frame,
-                        &tracked,
+                        &motion[*frame],
                         &fit_from_input,
                     )
                 })
@@ -414,7 +418,7 @@ impl<'a> Stage<'a> {
         [medium, full]: [&PoseSolver<'_>; 2],
         tracked: &TrackedFrame,
         frame: usize,
-        poses: &[Vec<f64>],
+        smoothed: &[f64],
         fit_from_input: &FitFromInput,
     ) -> Result<(Vec<f64>, Option<FrameQuality>), FitSequenceError> {
         let capture = match self.load(frame, fit_from_input) {
@@ -427,10 +431,13 @@ impl<'a> Stage<'a> {
             thresholds.outside_share_5mm = 1.0;
             (tracked.pose.clone(), None)
         } else {
-            let mut prior = self.smoothness_prior(poses, frame);
-            prior.landmarks.clone_from(&capture.landmarks);
+            let prior = PosePrior {
+                angles: vec![(vec![0.0; smoothed.len()], self.config.track.rest_stiffness)],
+                motion: Some((smoothed.to_vec(), self.config.refine.smoothing_stiffness)),
+                landmarks: capture.landmarks.clone(),
+            };
             let rounds = self.config.refine.final_rounds;
-            let (pose, _) = medium.polish_pose(&capture, tracked.pose.clone(), &prior, rounds)?;
+            let (pose, _) = medium.polish_pose(&capture, smoothed.to_vec(), &prior, rounds)?;
             full.polish_pose(&capture, pose, &prior, 1)?
         };
         let surface = &self.config.surface;

@@ -19,6 +19,9 @@ use crate::fitting::terms::{ClosestPoints, DistanceForm, LandmarkPull, LandmarkT
 pub(super) struct PosePrior {
     /// Poses to whose angles the angles are drawn, each with a stiffness per vertex.
     pub angles: Vec<(Vec<f64>, f64)>,
+    /// The pose that the motion around the frame expects, with the stiffness per vertex of the root's translation, of its
+    /// rotation and of the angles.
+    pub motion: Option<(Vec<f64>, [f64; 3])>,
     /// Landmarks that the user gives: vertices of the model and where they should be.
     pub landmarks: Vec<GivenLandmark>,
 }
@@ -184,7 +187,7 @@ impl PoseSolver<'_> {
             }
             let closest = ClosestPoints::new(&pairs, DistanceForm::Plane);
             let count = vertices.len() as f64;
-            let pulls: Vec<StayNear> = prior
+            let mut pulls: Vec<StayNear> = prior
                 .angles
                 .iter()
                 .map(|(target, stiffness)| {
@@ -192,6 +195,12 @@ impl PoseSolver<'_> {
                     StayNear::new(ROOT_LENGTH, angles, &vec![stiffness * count; angles.len()])
                 })
                 .collect();
+            if let Some((target, [translation, rotation, angle])) = &prior.motion {
+                let mut stiffness = vec![angle * count; target.len()];
+                stiffness[..3].fill(translation * count);
+                stiffness[3..ROOT_LENGTH].fill(rotation * count);
+                pulls.push(StayNear::new(0, target, &stiffness));
+            }
             let landmarks = landmark_term(body.level, &prior.landmarks);
             let start = Fit::new(&body.deformer).with(1.0, &closest).with(1.0, &landmarks);
             let fit = pulls.iter().fold(start, |fit, pull| fit.with(1.0, pull));

@@ -215,6 +215,7 @@ impl Stage<'_> {
                 (vec![0.0; predicted.len()], config.rest_stiffness),
             ],
             landmarks: capture.landmarks.clone(),
+            ..PosePrior::default()
         };
         solver.solve(capture, &predicted, &prior)
     }
@@ -312,6 +313,7 @@ impl Stage<'_> {
             let prior = PosePrior {
                 angles: vec![(vec![0.0; start.pose.len()], self.config.track.rest_stiffness)],
                 landmarks: capture.landmarks.clone(),
+                ..PosePrior::default()
             };
             let solution = solver.solve(capture, &start.pose, &prior)?;
             let is_better = match (best.has_lost_a_limb, solution.has_lost_a_limb) {
