@@ -11,11 +11,14 @@ use habitus::artifacts::fabric::named_fabrics;
 use habitus::artifacts::fitted_sequence::{FittedFrame, FittedSequence, InputFrame, Landmark};
 use habitus::artifacts::rigged_sequence::{Rig, RiggedSequence};
 use habitus::artifacts::sequence_files::write_fit;
+use habitus::artifacts::synthesized_sequence::Penetration;
 use habitus::artifacts::write_atomically;
 use habitus::body::BodyModel;
+use habitus::geometry::TriangleMesh;
 use habitus::geometry::io::write_mesh;
-use habitus::geometry::{SurfaceIndex, TriangleMesh};
 use habitus::pipeline::{CaptureOrigin, InputKey, RunFolder, StageName, file_names};
+use habitus::stages::synthesize::PushOut;
+use habitus::stages::synthesize::config::PushOutConfig;
 use habitus::statistics::RandomStream;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -77,10 +80,12 @@ pub struct ClothingSequenceSummary {
     pub frames: usize,
     /// Vertices of all garments.
     pub clothing_vertices: usize,
-    /// Largest depth of a clothing vertex inside the body over all frames, millimetres.
-    pub deepest_mm: f64,
-    /// Share of clothing vertices more than one millimetre inside the body, over all frames.
+    /// Share of clothing vertices inside the body as they were simulated, over all frames.
     pub inside_share: f64,
+    /// Largest depth of the clothing inside the body as it was simulated, over all frames, millimetres.
+    pub deepest_simulated_mm: f64,
+    /// The same as it was written, after the push-out.
+    pub deepest_mm: f64,
     /// Semantic parameters by name, as measured on what was made.
     pub parameters: BTreeMap<String, f64>,
     /// Why the sequence could not be made, if so.
@@ -228,8 +233,9 @@ pub fn write_clothing_data(
                 name: sequence.name.clone(),
                 frames: 0,
                 clothing_vertices: 0,
-                deepest_mm: 0.0,
                 inside_share: 0.0,
+                deepest_simulated_mm: 0.0,
+                deepest_mm: 0.0,
                 parameters: BTreeMap::new(),
                 error: Some(error.to_string()),
             })
@@ -301,11 +307,19 @@ pub fn write_clothing_sequence(
     let mut performance = dressed.performance(model, &sequence.settings)?;
     let faces = joined_faces(performance.garments());
     let mut scenes = Vec::with_capacity(sequence.settings.frame_count);
-    let mut contact = Contact::default();
+    let clothing_vertices = performance.garments().iter().map(|garment| garment.positions.len()).sum();
+    // Contact cannot hold cloth where an armpit leaves no room for it; truth that cuts into the body must not be
+    // learnt from.
+    let push_out = PushOut::new(clothing_vertices, &faces, &PushOutConfig::default());
+    let mut hints = Vec::new();
+    let (mut simulated, mut written) = (Vec::new(), Vec::new());
     for frame in 0..sequence.settings.frame_count {
         let scene = performance.next_scene()?;
-        let positions: Vec<DVec3> = scene.garment_positions.concat();
-        contact.add(&scene, performance.body(), &positions)?;
+        let mut positions: Vec<DVec3> = scene.garment_positions.concat();
+        let body = TriangleMesh::new(scene.body_vertices.clone(), performance.body().faces().to_vec())?;
+        let (before, after) = push_out.apply(&mut positions, &body, &mut hints);
+        simulated.push(before);
+        written.push(after);
         let path = captures.file(&capture_file(frame));
         let mesh = TriangleMesh::new(positions, faces.clone())?;
         write_mesh(&path, &mesh).map_err(|error| SyntheticError::File { path, reason: error.to_string() })?;
@@ -322,12 +336,14 @@ pub fn write_clothing_sequence(
     }
     .write(run.path())
     .map_err(|error| failed(error.to_string()))?;
+    let (simulated, written) = (Penetration::over(&simulated), Penetration::over(&written));
     let summary = ClothingSequenceSummary {
         name: sequence.name.clone(),
         frames: scenes.len(),
-        clothing_vertices: performance.garments().iter().map(|garment| garment.positions.len()).sum(),
-        deepest_mm: contact.deepest * 1000.0,
-        inside_share: contact.inside as f64 / (contact.all as f64).max(1.0),
+        clothing_vertices,
+        inside_share: simulated.inside_share,
+        deepest_simulated_mm: simulated.deepest_mm,
+        deepest_mm: written.deepest_mm,
         parameters: sequence.parameters.clone().into_iter().chain(dressed.ratios).collect(),
         error: None,
     };
@@ -419,34 +435,6 @@ fn girth<'a>(places: impl Iterator<Item = &'a DVec3>, height: f64) -> f64 {
         chain.windows(2).map(|pair| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1])).sum::<f64>()
     };
     half(&mut points.iter().copied()) + half(&mut points.iter().rev().copied())
-}
-
-/// How well the cloth stayed out of the body.
-#[derive(Default)]
-struct Contact {
-    deepest: f64,
-    inside: usize,
-    all: usize,
-}
-
-impl Contact {
-    fn add(&mut self, scene: &Scene, body: &RestBody, positions: &[DVec3]) -> Result<(), SyntheticError> {
-        const TOLERATED: f64 = 1e-3;
-        const FARTHEST: f64 = 0.05;
-        let mesh = TriangleMesh::new(scene.body_vertices.clone(), body.faces().to_vec())?;
-        let index = SurfaceIndex::of_mesh(&mesh);
-        let depths: Vec<f64> = positions
-            .par_iter()
-            .map(|&position| {
-                let Some(nearest) = index.closest_within(position, FARTHEST) else { return 0.0 };
-                -(position - nearest.position).dot(nearest.normal)
-            })
-            .collect();
-        self.all += depths.len();
-        self.inside += depths.iter().filter(|depth| **depth > TOLERATED).count();
-        self.deepest = depths.into_iter().fold(self.deepest, f64::max);
-        Ok(())
-    }
 }
 
 fn joined_faces(garments: &[Garment]) -> Vec<[u32; 3]> {

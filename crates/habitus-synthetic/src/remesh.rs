@@ -38,7 +38,7 @@ pub fn remeshed(mesh: &TriangleMesh, spacing: f64, seed: u64) -> Option<Triangle
         for (x, sample) in samples.iter_mut().enumerate() {
             if is_near[row * nx + x] {
                 let point = origin + DVec3::new(x as f64, y as f64, z as f64) * spacing;
-                *sample = index.signed_distance(grid_from_world.transpose() * point) as f32;
+                *sample = signed_distance(&index, grid_from_world.transpose() * point) as f32;
                 side = f32::MAX.copysign(*sample);
             } else {
                 *sample = side;
@@ -54,6 +54,13 @@ pub fn remeshed(mesh: &TriangleMesh, spacing: f64, seed: u64) -> Option<Triangle
         })
         .collect();
     TriangleMesh::new(on_surface, faces).ok()
+}
+
+/// Distance to the surface, negative inside. Where limbs cut through one another the normal of the nearest face may
+/// point into another limb and calls its inside air; how often the surface winds around the point does not.
+fn signed_distance(index: &SurfaceIndex, point: DVec3) -> f64 {
+    let distance = index.closest(point).distance_squared.sqrt();
+    if index.winding_number(point) > 0 { -distance } else { distance }
 }
 
 fn near_faces(grid: &ScalarGrid, positions: &[DVec3], faces: &[[u32; 3]]) -> Vec<bool> {

@@ -157,11 +157,12 @@ pub fn run_clothing_data(arguments: &ClothingDataArguments, console: &Console) -
         match &sequence.error {
             Some(error) => console.warning(format!("{}: {error}", sequence.name)),
             None => console.note(format!(
-                "{}: {} frames of {} vertices, {:.2} % of them inside the body, by {:.1} mm at most",
+                "{}: {} frames of {} vertices, {:.2} % of them left inside the body by up to {:.1} mm, {:.1} mm as written",
                 sequence.name,
                 sequence.frames,
                 sequence.clothing_vertices,
                 sequence.inside_share * 100.0,
+                sequence.deepest_simulated_mm,
                 sequence.deepest_mm
             )),
         }

@@ -98,7 +98,8 @@ pub struct AlignmentConfig {
     pub robust_scale: RoundSchedule,
     /// It never falls below this, in metres.
     pub smallest_robust_scale: f64,
-    /// Weight of the distance to the point beside that to its plane.
+    /// Weight of the distance to the point beside that to its plane: what is larger holds vertices back where they
+    /// should slide.
     pub point_share: f64,
     /// Weight of all pairs from the capture to the template beside those from the template.
     pub capture_weight: f64,
@@ -136,7 +137,7 @@ impl Default for AlignmentConfig {
             compatibility: CompatibilityRules { distance: 0.15, angle_deg: 60.0 },
             robust_scale: RoundSchedule::Geometric { start: 0.08, factor: 0.75 },
             smallest_robust_scale: 0.01,
-            point_share: 0.1,
+            point_share: 0.01,
             capture_weight: 1.0,
             template_samples: 5000,
             capture_samples: 3000,

@@ -47,7 +47,7 @@ impl<'a> FrameSolver<'a> {
         })
     }
 
-    /// Bends `base` onto the capture, looking for closest points from `guess` first.
+    /// Bends the template, placed as `base` is, onto the capture, looking for closest points from `guess` first.
     pub fn solve(
         &mut self,
         base: &[DVec3],

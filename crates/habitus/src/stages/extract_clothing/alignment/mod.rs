@@ -2,10 +2,13 @@
 //!
 //! ```text
 //! template: the dressed surface of one frame ──associate, unpose──▶ offsets over the rest body
-//! frame: template offsets ──pose of the body──▶ base ──deformation graph──▶ near ──along normals──▶ on the capture
-//!                        the frame before, moved by the body ──▶ first guess ──┘
+//! frame: the frame before ──motion of the body──▶ base ──deformation graph──▶ near ──along normals──▶ on the capture
+//!        where that fails: template offsets ──pose of the body──▶ base
 //! ```
-//! Every frame bends the same template, so that nothing drifts: the frame before only says where to look first.
+//! Surfaces decide where a vertex lies along its normal. Where it lies along the surface is what the base says, and a
+//! fitted body may be turned about its limbs from frame to frame: the frame before knows better than the template
+//! over this frame's body. Its shape does not drift, because the base takes from it the motions of the graph's nodes
+//! only; lengths and folds are the template's.
 
 mod detail;
 mod frame_solver;
@@ -75,7 +78,8 @@ pub(super) struct Capture {
     pub mesh: Option<TriangleMesh>,
 }
 
-/// Brings every capture of a fitted sequence into the connectivity of the template.
+/// Brings every capture of a fitted sequence into the connectivity of the template, from the template's frame
+/// outwards.
 ///
 /// The journal keeps finished frames, so that a killed run goes on where it stopped.
 pub fn align_clothing(
@@ -122,7 +126,8 @@ pub fn align_clothing(
     Ok(AlignedSequence { faces: template.faces().to_vec(), frames, left_out })
 }
 
-/// Aligns one frame, from its neighbour if there is one; where that goes wrong, once more from the template alone.
+/// Aligns one frame, from its neighbour if there is one; where that goes wrong, from the template over the body,
+/// looked for where the neighbour was; and where that goes wrong, from the template alone.
 fn align_frame(
     solver: &mut FrameSolver<'_>,
     fit: &RiggedSequence,
@@ -132,25 +137,30 @@ fn align_frame(
     config: &AlignmentConfig,
 ) -> Result<AlignedFrame, ExtractClothingError> {
     let base = solver.template.posed(fit, frame);
-    let guess = neighbour.map(|neighbour| {
+    let carried = neighbour.map(|neighbour| {
         let positions: Vec<DVec3> =
             neighbour.positions.iter().map(|p| DVec3::from_array(p.map(f64::from))).collect();
         solver.template.carried(fit, neighbour.frame, frame, &positions)
     });
-    let mut tries = vec![guess.unwrap_or_else(|| base.clone())];
+    // What is bent, and where closest points are sought first.
+    let mut tries: Vec<(&[DVec3], &[DVec3])> = Vec::new();
+    if let Some(carried) = &carried {
+        tries.extend([(carried.as_slice(), carried.as_slice()), (&base, carried)]);
+    }
+    tries.push((&base, &base));
     let mut best: Option<(Vec<DVec3>, AlignmentQuality)> = None;
     let mut codes = Vec::new();
-    while let Some(guess) = tries.pop() {
-        let surface = solver.solve(&base, &guess, capture)?;
+    for (place, (bent, guess)) in tries.into_iter().enumerate() {
+        if place == 1 {
+            codes.push(Code::AlignmentRestarted);
+        }
+        let surface = solver.solve(bent, guess, capture)?;
         let quality = measure_quality(&surface, solver.template, capture);
-        let is_first = best.is_none();
-        let is_bad = is_bad(&quality, config);
         if best.as_ref().is_none_or(|(_, known)| badness(&quality, config) < badness(known, config)) {
             best = Some((surface, quality));
         }
-        if is_first && is_bad && neighbour.is_some() {
-            codes.push(Code::AlignmentRestarted);
-            tries.push(base.clone());
+        if !is_bad(&quality, config) {
+            break;
         }
     }
     let (surface, quality) = best.unwrap_or_else(|| (base.clone(), AlignmentQuality::default()));
