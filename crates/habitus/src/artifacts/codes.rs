@@ -36,7 +36,7 @@ pub enum Code {
     UncertainFrameOfReference,
     /// The capture shows no person of plausible size and build.
     NotAPerson,
-    /// The dressed surface of this frame had to be aligned anew, without help of its neighbour.
+    /// The dressed surface of this frame had to be aligned anew, from the template over its body.
     AlignmentRestarted,
     /// The aligned surface lies off its capture.
     ClothingOffCapture,

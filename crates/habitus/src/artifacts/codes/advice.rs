@@ -47,7 +47,7 @@ impl Code {
             Self::UncertainFrameOfReference => "Unit or up axis were guessed and are not certain.",
             Self::NotAPerson => "The capture shows no person of plausible size and build.",
             Self::AlignmentRestarted => {
-                "The dressed surface was aligned anew, without help of its neighbour."
+                "The dressed surface was aligned anew, from the template over its body."
             }
             Self::ClothingOffCapture => "The aligned dressed surface lies off its capture.",
             Self::ClothingFolded => "Parts of the aligned dressed surface are turned over.",
