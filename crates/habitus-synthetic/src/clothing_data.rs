@@ -202,6 +202,8 @@ fn base_settings(size: SetSize, seed: u64, motion_file: Option<&PathBuf>) -> Dre
     // Layers must not show through one another, and hands that graze a thigh must not carry the cloth away.
     settings.cloth.layer_contact_mm = 30.0;
     settings.cloth.arms = ArmContact::PassThrough;
+    // Cloth that is learnt from must win over its own edges where the body is.
+    settings.cloth.largest_push_mm = 20.0;
     if size == SetSize::Small {
         settings.frame_count = 24;
         settings.settle_seconds = 0.7;

@@ -157,7 +157,7 @@ pub fn run_clothing_data(arguments: &ClothingDataArguments, console: &Console) -
         match &sequence.error {
             Some(error) => console.warning(format!("{}: {error}", sequence.name)),
             None => console.note(format!(
-                "{}: {} frames of {} vertices, {:.2} % of them left inside the body by up to {:.1} mm, {:.1} mm as written",
+                "{}: {} frames of {} vertices, {:.2} % of them simulated inside the body, up to {:.1} mm; written {:.1}",
                 sequence.name,
                 sequence.frames,
                 sequence.clothing_vertices,

@@ -7,9 +7,6 @@ use super::{Cloth, ClothSettings, Span};
 
 /// Outward speed that contact may leave a vertex with, m/s: pushing out of the body must not fling.
 const LARGEST_BOUNCE: f64 = 0.05;
-/// Largest push out of the body in one substep, metres: a vertex squeezed between two limbs must not explode, but
-/// contact has to win over the edges of a sleeve that is too tight for its arm (2 mm do not).
-const LARGEST_PUSH: f64 = 0.02;
 /// Smallest cosine between a sheet's normal and the way to a vertex above it. Beside a hem the nearest point is on the
 /// hem and the way to it lies along the sheet: there is nothing to rest on.
 const LEAST_FACING: f64 = 0.5;
@@ -63,7 +60,7 @@ impl Cloth {
             if depth <= 0.0 {
                 continue;
             }
-            let push = depth.min(LARGEST_PUSH);
+            let push = depth.min(settings.largest_push_mm / 1000.0);
             *position += normal * push;
             let moved = *position - self.previous[*vertex as usize] - skin.way(span.start, span.end);
             let sliding = moved - normal * moved.dot(normal);

@@ -49,6 +49,9 @@ pub struct ClothSettings {
     pub layer_offset_mm: f64,
     /// Cloth further than this from the body is not tested against it until the next update, millimetres.
     pub contact_range_mm: f64,
+    /// Largest push out of the body in one substep, millimetres: a vertex squeezed between two limbs must not explode, but
+    /// only 10 and more win over the edges of a sleeve that is too tight for its arm.
+    pub largest_push_mm: f64,
     /// Distance within which a garment feels the one that it is worn over, millimetres; 0: layers pass through one another.
     pub layer_contact_mm: f64,
     /// Whether forearms and hands push the cloth.
@@ -86,6 +89,7 @@ impl Default for ClothSettings {
             contact_offset_mm: 4.0,
             layer_offset_mm: 8.0,
             contact_range_mm: 60.0,
+            largest_push_mm: 2.0,
             layer_contact_mm: 0.0,
             arms: ArmContact::default(),
             gravity: 9.81,
