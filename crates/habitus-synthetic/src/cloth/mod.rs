@@ -49,8 +49,8 @@ pub struct ClothSettings {
     pub layer_offset_mm: f64,
     /// Cloth further than this from the body is not tested against it until the next update, millimetres.
     pub contact_range_mm: f64,
-    /// Largest push out of the body in one substep, millimetres: a vertex squeezed between two limbs must not explode, but
-    /// only 10 and more win over the edges of a sleeve that is too tight for its arm.
+    /// Largest push out of the body in one substep, millimetres: a vertex squeezed between two limbs must not explode. Two
+    /// lose against the edges of a sleeve that is too tight for its arm; clothing data take twenty.
     pub largest_push_mm: f64,
     /// Distance within which a garment feels the one that it is worn over, millimetres; 0: layers pass through one another.
     pub layer_contact_mm: f64,
