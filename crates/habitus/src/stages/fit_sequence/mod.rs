@@ -357,8 +357,11 @@ impl<'a> Stage<'a> {
         let medium = self.solver_at(&self.medium, &self.final_surface, &track.identity)?;
         let fit_from_input = track.orientation.fit_from_input;
         let found: Vec<Vec<f64>> = track.frames.iter().map(|frame| frame.pose.clone()).collect();
-        let is_trusted = |frame: usize| track.frames[frame].is_trusted();
-        let motion = smoothed(&found, &is_trusted, self.config.refine.smoothing_reach);
+        let is_joined = |frame: usize| {
+            [frame, frame + 1].iter().all(|frame| track.frames[*frame].is_trusted())
+                && !is_temporal_jump(&found[frame + 1], &found[frame], &self.config.codes)
+        };
+        let motion = smoothed(&found, &is_joined, self.config.refine.smoothing_reach);
         let mut smallest_clearance = vec![f64::INFINITY; self.full.vertices.len()];
         let mut frames = Vec::with_capacity(track.frames.len());
         const BATCH: usize = 8;

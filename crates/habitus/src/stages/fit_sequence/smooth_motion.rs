@@ -3,19 +3,21 @@
 //! Loose cloth moves on its own, and where it alone holds a limb the limb trembles with it. Around each frame a parabola in
 //! time is laid through the poses, and its middle is where the last pose rounds begin and are drawn to.
 
+use std::ops::Range;
+
 use glam::{DQuat, DVec3};
 
-use crate::body::rotation_vector;
+use crate::body::{ROOT_LENGTH, rotation_vector};
 
-/// Poses smoothed over `reach` frames on both sides, fewer at the ends and beside frames that are not to be trusted: steady
-/// acceleration passes unchanged. Root rotations are averaged as rotations about that of the frame.
-pub(super) fn smoothed(
-    poses: &[Vec<f64>],
-    is_trusted: &dyn Fn(usize) -> bool,
-    reach: usize,
-) -> Vec<Vec<f64>> {
+/// What is farther from the parabola than this does not tremble but moves too fast for the frame rate, and stays as it was
+/// found: radians, and metres for the root.
+const LARGEST_TREMBLE: [f64; 2] = [0.25, 0.05];
+
+/// Poses smoothed over `reach` frames on both sides, fewer at the ends and where two frames are not `joined` (frame, next
+/// frame): steady acceleration passes unchanged. Root rotations are averaged as rotations about that of the frame.
+pub(super) fn smoothed(poses: &[Vec<f64>], is_joined: &dyn Fn(usize) -> bool, reach: usize) -> Vec<Vec<f64>> {
     let smoothed_frame = |frame: usize| {
-        let reach = usable_reach(frame, poses.len(), is_trusted, reach);
+        let reach = usable_reach(frame, poses.len(), is_joined, reach);
         let mut pose = poses[frame].clone();
         let rotation_of = |pose: &[f64]| DQuat::from_scaled_axis(DVec3::from_slice(&pose[3..6]));
         let own = rotation_of(&pose);
@@ -28,18 +30,21 @@ pub(super) fn smoothed(
         }
         let rotation = rotation_vector(DQuat::from_scaled_axis(turn) * own);
         pose[3..6].copy_from_slice(&rotation.to_array());
-        pose
+        let [angle, length] = LARGEST_TREMBLE;
+        let within = |range: Range<usize>, most: f64| {
+            range.into_iter().all(|k| (pose[k] - poses[frame][k]).abs() <= most)
+        };
+        let trembles =
+            turn.length() <= angle && within(0..3, length) && within(ROOT_LENGTH..pose.len(), angle);
+        if trembles { pose } else { poses[frame].clone() }
     };
     (0..poses.len()).map(smoothed_frame).collect()
 }
 
 /// How far the frames on both sides may be used.
-fn usable_reach(frame: usize, count: usize, is_trusted: &dyn Fn(usize) -> bool, reach: usize) -> usize {
+fn usable_reach(frame: usize, count: usize, is_joined: &dyn Fn(usize) -> bool, reach: usize) -> usize {
     let most = reach.min(frame).min(count - 1 - frame);
-    if !is_trusted(frame) {
-        return 0;
-    }
-    (1..=most).take_while(|step| is_trusted(frame - step) && is_trusted(frame + step)).count()
+    (1..=most).take_while(|step| is_joined(frame - step) && is_joined(frame + step - 1)).count()
 }
 
 /// Weights with which the values at −reach … reach give the middle of their least-squares parabola (Savitzky and Golay
@@ -89,14 +94,24 @@ mod tests {
     }
 
     #[test]
-    fn trembling_shrinks_and_frames_that_are_not_trusted_touch_no_other() {
+    fn trembling_shrinks_and_what_a_jump_parts_stays_apart() {
         let mut poses: Vec<Vec<f64>> =
-            (0..21).map(|frame| vec![if frame % 2 == 0 { 0.1 } else { -0.1 }; 8]).collect();
-        poses[4] = vec![9.0; 8];
-        let found = smoothed(&poses, &|frame| frame != 4, 5);
-        assert_eq!(found[4], poses[4]);
-        assert!(found[12..16].iter().all(|pose| pose[7].abs() < 0.03), "{found:?}");
-        assert!(found.iter().enumerate().all(|(frame, pose)| frame == 4 || pose[7].abs() <= 0.1));
+            (0..24).map(|frame| vec![if frame % 2 == 0 { 0.02 } else { -0.02 }; 8]).collect();
+        // Exported elsewhere from frame 12 on.
+        poses[12..].iter_mut().for_each(|pose| pose[0] += 7.0);
+        let found = smoothed(&poses, &|frame| frame != 11, 5);
+        for frame in [5, 6, 17, 18] {
+            assert!(found[frame][7].abs() < 0.01, "{found:?}");
+        }
+        for (found, pose) in found.iter().zip(&poses) {
+            assert!((found[0] - pose[0]).abs() < 0.05, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_too_fast_for_the_frame_rate_stays() {
+        let poses: Vec<Vec<f64>> = (0..11).map(|frame| vec![if frame == 5 { 1.5 } else { 0.0 }; 8]).collect();
+        assert_eq!(smoothed(&poses, &|_| true, 5)[5], poses[5]);
     }
 
     #[test]
