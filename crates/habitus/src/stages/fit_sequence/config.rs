@@ -426,6 +426,9 @@ pub struct RefineConfig {
     /// Pull to the smoothed pose in the final pass, per vertex: of root translations over a square metre, of root rotations
     /// and of angles over a square radian.
     pub smoothing_stiffness: [f64; 3],
+    /// A pose that smoothing would move by more than this moves too fast for the frame rate and stays as it was found:
+    /// radians of any angle, and metres of the root.
+    pub largest_tremble: [f64; 2],
     /// Pose rounds of the final pass over all frames, before one more on all vertices.
     pub final_rounds: usize,
 }
@@ -461,6 +464,7 @@ impl Default for RefineConfig {
             final_outside_tolerance: 0.001,
             smoothing_reach: 5,
             smoothing_stiffness: [0.1, 0.02, 1e-3],
+            largest_tremble: [0.25, 0.05],
             final_rounds: 2,
         }
     }

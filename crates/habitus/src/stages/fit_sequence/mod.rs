@@ -281,13 +281,15 @@ impl<'a> Stage<'a> {
         })
     }
 
+    /// Angles stay near those of the rest pose, where nothing else is said.
+    fn rest_prior(&self, pose_length: usize) -> PosePrior {
+        let angles = vec![(vec![0.0; pose_length], self.config.track.rest_stiffness)];
+        PosePrior { angles, ..PosePrior::default() }
+    }
+
     /// Angles stay near the mean of their neighbours in time, where cloth is silent.
     fn smoothness_prior(&self, poses: &[Vec<f64>], frame: usize) -> PosePrior {
-        let track = &self.config.track;
-        let mut prior = PosePrior {
-            angles: vec![(vec![0.0; poses[frame].len()], track.rest_stiffness)],
-            ..PosePrior::default()
-        };
+        let mut prior = self.rest_prior(poses[frame].len());
         if frame > 0 && frame + 1 < poses.len() {
             let mean = poses[frame - 1].iter().zip(&poses[frame + 1]).map(|(a, b)| 0.5 * (a + b)).collect();
             prior.angles.push((mean, self.config.refine.smoothness));
@@ -361,7 +363,7 @@ impl<'a> Stage<'a> {
             [frame, frame + 1].iter().all(|frame| track.frames[*frame].is_trusted())
                 && !is_temporal_jump(&found[frame + 1], &found[frame], &self.config.codes)
         };
-        let motion = smoothed(&found, &is_joined, self.config.refine.smoothing_reach);
+        let motion = smoothed(&found, &is_joined, &self.config.refine);
         let mut smallest_clearance = vec![f64::INFINITY; self.full.vertices.len()];
         let mut frames = Vec::with_capacity(track.frames.len());
         const BATCH: usize = 8;
@@ -435,9 +437,9 @@ impl<'a> Stage<'a> {
             (tracked.pose.clone(), None)
         } else {
             let prior = PosePrior {
-                angles: vec![(vec![0.0; smoothed.len()], self.config.track.rest_stiffness)],
                 motion: Some((smoothed.to_vec(), self.config.refine.smoothing_stiffness)),
                 landmarks: capture.landmarks.clone(),
+                ..self.rest_prior(smoothed.len())
             };
             let rounds = self.config.refine.final_rounds;
             let (pose, _) = medium.polish_pose(&capture, smoothed.to_vec(), &prior, rounds)?;

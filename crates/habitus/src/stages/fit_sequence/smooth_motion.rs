@@ -7,17 +7,18 @@ use std::ops::Range;
 
 use glam::{DQuat, DVec3};
 
+use super::config::RefineConfig;
 use crate::body::{ROOT_LENGTH, rotation_vector};
 
-/// What is farther from the parabola than this does not tremble but moves too fast for the frame rate, and stays as it was
-/// found: radians, and metres for the root.
-const LARGEST_TREMBLE: [f64; 2] = [0.25, 0.05];
-
-/// Poses smoothed over `reach` frames on both sides, fewer at the ends and where two frames are not `joined` (frame, next
-/// frame): steady acceleration passes unchanged. Root rotations are averaged as rotations about that of the frame.
-pub(super) fn smoothed(poses: &[Vec<f64>], is_joined: &dyn Fn(usize) -> bool, reach: usize) -> Vec<Vec<f64>> {
+/// Poses smoothed over `config.smoothing_reach` frames on both sides, fewer at the ends and where a frame is not joined to
+/// the next: steady acceleration passes unchanged. Root rotations are averaged as rotations about that of the frame.
+pub(super) fn smoothed(
+    poses: &[Vec<f64>],
+    is_joined: &dyn Fn(usize) -> bool,
+    config: &RefineConfig,
+) -> Vec<Vec<f64>> {
     let smoothed_frame = |frame: usize| {
-        let reach = usable_reach(frame, poses.len(), is_joined, reach);
+        let reach = usable_reach(frame, poses.len(), is_joined, config.smoothing_reach);
         let mut pose = poses[frame].clone();
         let rotation_of = |pose: &[f64]| DQuat::from_scaled_axis(DVec3::from_slice(&pose[3..6]));
         let own = rotation_of(&pose);
@@ -30,7 +31,7 @@ pub(super) fn smoothed(poses: &[Vec<f64>], is_joined: &dyn Fn(usize) -> bool, re
         }
         let rotation = rotation_vector(DQuat::from_scaled_axis(turn) * own);
         pose[3..6].copy_from_slice(&rotation.to_array());
-        let [angle, length] = LARGEST_TREMBLE;
+        let [angle, length] = config.largest_tremble;
         let within = |range: Range<usize>, most: f64| {
             range.into_iter().all(|k| (pose[k] - poses[frame][k]).abs() <= most)
         };
@@ -85,7 +86,7 @@ mod tests {
     #[test]
     fn steady_acceleration_passes_unchanged() {
         let poses: Vec<Vec<f64>> = (0..30).map(steady).collect();
-        for (found, pose) in smoothed(&poses, &|_| true, 5).iter().zip(&poses) {
+        for (found, pose) in smoothed(&poses, &|_| true, &RefineConfig::default()).iter().zip(&poses) {
             assert!(rotation_of(found).angle_between(rotation_of(pose)) < 1e-6);
             for k in (0..3).chain(6..12) {
                 assert!((found[k] - pose[k]).abs() < 1e-12, "{} {}", found[k], pose[k]);
@@ -99,7 +100,7 @@ mod tests {
             (0..24).map(|frame| vec![if frame % 2 == 0 { 0.02 } else { -0.02 }; 8]).collect();
         // Exported elsewhere from frame 12 on.
         poses[12..].iter_mut().for_each(|pose| pose[0] += 7.0);
-        let found = smoothed(&poses, &|frame| frame != 11, 5);
+        let found = smoothed(&poses, &|frame| frame != 11, &RefineConfig::default());
         for frame in [5, 6, 17, 18] {
             assert!(found[frame][7].abs() < 0.01, "{found:?}");
         }
@@ -111,7 +112,7 @@ mod tests {
     #[test]
     fn what_is_too_fast_for_the_frame_rate_stays() {
         let poses: Vec<Vec<f64>> = (0..11).map(|frame| vec![if frame == 5 { 1.5 } else { 0.0 }; 8]).collect();
-        assert_eq!(smoothed(&poses, &|_| true, 5)[5], poses[5]);
+        assert_eq!(smoothed(&poses, &|_| true, &RefineConfig::default())[5], poses[5]);
     }
 
     #[test]

@@ -310,11 +310,8 @@ impl Stage<'_> {
             .into_iter()
             .take(3)
         {
-            let prior = PosePrior {
-                angles: vec![(vec![0.0; start.pose.len()], self.config.track.rest_stiffness)],
-                landmarks: capture.landmarks.clone(),
-                ..PosePrior::default()
-            };
+            let prior =
+                PosePrior { landmarks: capture.landmarks.clone(), ..self.rest_prior(start.pose.len()) };
             let solution = solver.solve(capture, &start.pose, &prior)?;
             let is_better = match (best.has_lost_a_limb, solution.has_lost_a_limb) {
                 (true, false) => true,
