@@ -3,7 +3,7 @@
 //!
 //! The mean vertex distance of two bodies is at least the mean distance of the centres of groups of vertices (triangle
 //! inequality). Most training bodies are ruled out by the bound of a few large groups, most others by that of many small
-//! ones; the rest are compared in full.
+//! ones; the rest are compared one large group after the other, until what is known of the distance rules them out.
 
 use std::ops::Range;
 
@@ -72,6 +72,11 @@ impl Planes {
         }))
     }
 
+    fn distance(&self, other: &Self, place: usize) -> f32 {
+        let squares = self.0.iter().zip(&other.0).map(|(one, other)| (one[place] - other[place]).powi(2));
+        squares.sum::<f32>().sqrt()
+    }
+
     fn add(&mut self, amount: f32, other: &Self) {
         for (values, others) in self.0.iter_mut().zip(&other.0) {
             values.iter_mut().zip(others).for_each(|(value, other)| *value += amount * other);
@@ -111,6 +116,8 @@ struct NearestBody {
     training: Vec<Planes>,
     large_groups: Groups,
     small_groups: Groups,
+    /// The vertices of each large group, and the small groups that it holds.
+    regions: Vec<(Range<usize>, Range<usize>)>,
 }
 
 impl NearestBody {
@@ -126,6 +133,7 @@ impl NearestBody {
             deviations: space.standard_deviations().iter().map(|deviation| *deviation as f32).collect(),
             large_groups: Groups::new(&large, &mean, &basis, &training),
             small_groups: Groups::new(&small, &mean, &basis, &training),
+            regions: regions(&large, &small),
             mean,
             basis,
             training,
@@ -171,12 +179,35 @@ impl NearestBody {
             if bound >= best.0 {
                 break;
             }
-            let distance = mean_distance(body, &self.training[index]);
-            if distance < best.0 {
+            if let Some(distance) = self.distance_below(best.0, body, small_groups, index) {
                 best = (distance, index);
             }
         }
         best
+    }
+
+    /// The distance to a training body if it is less than `limit`: the bounds of its regions give way to what they are,
+    /// one by one.
+    fn distance_below(&self, limit: f64, body: &Planes, groups: &Planes, training: usize) -> Option<f64> {
+        let count = body.0[0].len().max(1) as f64;
+        let (other, other_groups) = (&self.training[training], &self.small_groups.training[training]);
+        let mut unknown = [0.0_f32; 1 << HALVINGS[0]];
+        for (bound, (_, small)) in unknown.iter_mut().zip(&self.regions) {
+            *bound = small
+                .clone()
+                .map(|group| self.small_groups.shares[group] * groups.distance(other_groups, group))
+                .sum();
+        }
+        let mut left: f64 = unknown.iter().map(|bound| f64::from(*bound)).sum();
+        let mut known = 0.0;
+        for (bound, (vertices, _)) in unknown.iter().zip(&self.regions) {
+            left -= f64::from(*bound);
+            known += distance_sum(body, other, vertices.clone()) / count;
+            if known + left - f64::from(SLACK) >= limit {
+                return None;
+            }
+        }
+        (known < limit).then_some(known)
     }
 }
 
@@ -200,13 +231,18 @@ fn weighted_distance(left: &Planes, right: &Planes, shares: &[f32]) -> f32 {
     lanes.iter().sum()
 }
 
-/// Mean distance of corresponding vertices; f32 sums run over short blocks only.
+/// Mean distance of corresponding vertices.
 fn mean_distance(left: &Planes, right: &Planes) -> f64 {
-    const BLOCK: usize = 32 * LANES;
     let count = left.0[0].len();
+    distance_sum(left, right, 0..count) / count.max(1) as f64
+}
+
+/// Sum of the distances of corresponding vertices; f32 sums run over short blocks only.
+fn distance_sum(left: &Planes, right: &Planes, vertices: Range<usize>) -> f64 {
+    const BLOCK: usize = 32 * LANES;
     let mut sum = 0.0_f64;
-    for start in (0..count).step_by(BLOCK) {
-        let range = start..(start + BLOCK).min(count);
+    for start in vertices.clone().step_by(BLOCK) {
+        let range = start..(start + BLOCK).min(vertices.end);
         let [lx, ly, lz] = [0, 1, 2].map(|axis| &left.0[axis][range.clone()]);
         let [rx, ry, rz] = [0, 1, 2].map(|axis| &right.0[axis][range.clone()]);
         let mut lanes = [0.0_f32; LANES];
@@ -224,7 +260,20 @@ fn mean_distance(left: &Planes, right: &Planes) -> f64 {
         }
         sum += f64::from(lanes.iter().sum::<f32>());
     }
-    sum / count.max(1) as f64
+    sum
+}
+
+/// The vertices of each large group with the small groups that it holds; groups of both kinds are consecutive.
+fn regions(large: &[Range<usize>], small: &[Range<usize>]) -> Vec<(Range<usize>, Range<usize>)> {
+    let mut first = 0;
+    large
+        .iter()
+        .map(|vertices| {
+            let held = small[first..].iter().take_while(|group| group.end <= vertices.end).count();
+            first += held;
+            (vertices.clone(), first - held..first)
+        })
+        .collect()
 }
 
 /// An order of the vertices in which large and small groups of neighbours are consecutive: the longest side of each box is
