@@ -12,7 +12,7 @@ use habitus::geometry::{Surface, TriangleMesh};
 use habitus::stages::fit_sequence::FitSequenceConfig;
 use habitus_synthetic::animate::posed_by_angles;
 use habitus_synthetic::capture::{CaptureMode, CaptureSettings, Subject, Substance, capture};
-use habitus_synthetic::garment::Outfit;
+use habitus_synthetic::garment::{GarmentSettings, Outfit};
 use habitus_synthetic::motion::{ArmAngles, LegAngles, Motion, Stance};
 use habitus_synthetic::rest_body::Bone;
 use habitus_synthetic::sequence::DressedSequenceSettings;
@@ -324,4 +324,19 @@ fn a_woman_who_turns_in_a_wide_dress() {
         ..coarse()
     };
     sequence(&settings, 1).expect("a woman who turns in a wide dress", Expected::RightMaybeMarked);
+}
+
+#[test]
+fn a_man_who_walks_in_wide_trousers() {
+    let settings = DressedSequenceSettings {
+        frame_count: 8,
+        frames_per_second: 15.0,
+        outfit: Outfit::TShirtAndTrousers,
+        // Hems that touch one another and hide all of the feet but the toes.
+        garment: GarmentSettings { trouser_ease_mm: 30.0, trouser_hem_radius_mm: 170.0, ..coarse().garment },
+        motion: Motion::Walk,
+        source_body: 3,
+        ..coarse()
+    };
+    sequence(&settings, 1).expect("a man who walks in wide trousers", Expected::Right);
 }

@@ -191,14 +191,64 @@ pub(super) fn bare_capture_pairs(
         .collect()
 }
 
-/// Share of all samples that look like a limb and have no body within `distance`: a limb that has gone astray.
-pub(super) fn uncovered_limb_share(frame: &CapturedFrame, vertices: &[DVec3], distance: f64) -> f64 {
+/// Pairs from the lowest samples of the capture to feet that are away from them. What a person stands on is no cloth: below
+/// a wide hem only toes and soles show, too few to hold a foot that the hem around it draws up.
+pub(super) fn sole_pairs(
+    level: &BodyLevel,
+    frame: &CapturedFrame,
+    vertices: &[DVec3],
+    config: &SurfaceConfig,
+) -> Vec<Correspondence> {
+    let sole = frame.bounds[0].y + config.sole_height;
+    let share = config.sole_weight * vertices.len() as f64 / frame.samples.len().max(1) as f64;
     let grid = PointGrid::new(vertices);
-    let uncovered = frame
+    let is_foot = |vertex: usize| level.parts[vertex] == PartLabel::Foot;
+    frame
         .samples
         .iter()
-        .filter(|sample| sample.is_limb_like)
-        .filter(|sample| !grid.has_within(sample.position, distance));
+        .filter(|sample| sample.position.y < sole)
+        .filter_map(|sample| {
+            let (vertex, squared) = grid.nearest_where(sample.position, is_foot)?;
+            // Nearer ones are held as bare parts are; shoes are thicker than feet.
+            (squared > config.bare_scale * config.bare_scale).then(|| Correspondence {
+                vertex: vertex as u32,
+                target: sample.position,
+                normal: sample.normal,
+                is_outside: false,
+                signed_distance: (vertices[vertex] - sample.position).dot(sample.normal),
+                weight: share * robust_weight(squared, config.sole_scale),
+            })
+        })
+        .collect()
+}
+
+/// Share of all samples that look like a limb and have no body within `distance`: a limb that has gone astray.
+pub(super) fn uncovered_limb_share(frame: &CapturedFrame, vertices: &[DVec3], distance: f64) -> f64 {
+    uncovered_share(frame, vertices, distance, |sample| sample.is_limb_like)
+}
+
+/// Share of all samples that are as low as soles and have no body within `distance`: feet that have gone astray, or a hem on
+/// the ground.
+pub(super) fn uncovered_sole_share(
+    frame: &CapturedFrame,
+    vertices: &[DVec3],
+    distance: f64,
+    config: &SurfaceConfig,
+) -> f64 {
+    let sole = frame.bounds[0].y + config.sole_height;
+    uncovered_share(frame, vertices, distance, |sample| sample.position.y < sole)
+}
+
+/// Share of all samples that are of a kind and have no body within `distance`.
+pub(super) fn uncovered_share(
+    frame: &CapturedFrame,
+    vertices: &[DVec3],
+    distance: f64,
+    is_of_kind: impl Fn(&CaptureSample) -> bool,
+) -> f64 {
+    let grid = PointGrid::new(vertices);
+    let of_kind = frame.samples.iter().filter(|sample| is_of_kind(sample));
+    let uncovered = of_kind.filter(|sample| !grid.has_within(sample.position, distance));
     uncovered.count() as f64 / frame.samples.len().max(1) as f64
 }
 
@@ -208,7 +258,7 @@ mod tests {
     use habitus_geometry::{Surface, TriangleMesh};
 
     use super::super::captured_frame::{FitFromInput, LimbSearch};
-    use super::super::config::FrameConfig;
+    use super::super::config::{CodeThresholds, FrameConfig};
     use super::*;
     use crate::body::BodyModel;
 
@@ -221,6 +271,19 @@ mod tests {
             signed_distance,
             weight: 1.0,
         }
+    }
+
+    fn frame_of(mesh: TriangleMesh) -> CapturedFrame {
+        let surface = Surface::Mesh(mesh);
+        let fit_from_input = FitFromInput {
+            scale: 1.0,
+            rotation: DMat3::IDENTITY,
+            translation: DVec3::ZERO,
+            usual_size: super::super::captured_frame::size_of(&surface),
+        };
+        let config = FrameConfig::default();
+        CapturedFrame::prepare(surface, &fit_from_input, &config, (1, "body"), LimbSearch::Unneeded)
+            .expect("a frame")
     }
 
     #[test]
@@ -244,20 +307,7 @@ mod tests {
         // The capture is the body, two centimetres thicker all over.
         let thicker: Vec<DVec3> = vertices.iter().zip(&normals).map(|(v, n)| *v + *n * 0.02).collect();
         let mesh = TriangleMesh::new(thicker, model.faces().to_vec()).expect("a mesh");
-        let fit_from_input = FitFromInput {
-            scale: 1.0,
-            rotation: DMat3::IDENTITY,
-            translation: DVec3::ZERO,
-            usual_size: super::super::captured_frame::size_of(&Surface::Mesh(mesh.clone())),
-        };
-        let frame = CapturedFrame::prepare(
-            Surface::Mesh(mesh),
-            &fit_from_input,
-            &FrameConfig::default(),
-            (1, "body"),
-            LimbSearch::Unneeded,
-        )
-        .expect("a frame");
+        let frame = frame_of(mesh);
         let pairs = bare_capture_pairs(&level, &frame, vertices, &normals, &SurfaceConfig::default());
         for pair in &pairs {
             assert!(level.parts[pair.vertex as usize].is_bare() && pair.signed_distance < 0.0);
@@ -266,5 +316,26 @@ mod tests {
         for part in &level.extremities {
             assert!(pairs.iter().any(|pair| part.contains(&pair.vertex)), "nothing draws a part out");
         }
+    }
+
+    #[test]
+    fn what_stands_on_the_ground_draws_feet_that_are_away_and_no_other() {
+        let model = BodyModel::default_space().expect("the embedded model");
+        let level = BodyLevel::full(&model, 1);
+        let vertices = model.mean_vertices();
+        let frame = frame_of(TriangleMesh::new(vertices.to_vec(), model.faces().to_vec()).expect("a mesh"));
+        let config = SurfaceConfig::default();
+        assert!(sole_pairs(&level, &frame, vertices, &config).is_empty(), "feet are where they are");
+        // The whole body a hand's breadth higher and to the side, as if its feet hung in a wide hem.
+        let lifted: Vec<DVec3> = vertices.iter().map(|v| *v + DVec3::new(0.03, 0.12, 0.0)).collect();
+        let pairs = sole_pairs(&level, &frame, &lifted, &config);
+        assert!(!pairs.is_empty());
+        let lowest = frame.bounds[0].y + config.sole_height;
+        for pair in &pairs {
+            assert_eq!(level.parts[pair.vertex as usize], PartLabel::Foot);
+            assert!(pair.target.y < lowest && pair.weight > 0.0);
+        }
+        let share = uncovered_sole_share(&frame, &lifted, 0.09, &config);
+        assert!(share > CodeThresholds::default().uncovered_sole_share, "{share}");
     }
 }

@@ -301,6 +301,12 @@ pub struct SurfaceConfig {
     /// Weight of capture samples whose nearest vertex is bare: they draw toes, crown and fingers out to the end of the
     /// capture, which the vertices' own closest points, on sole and instep, do not.
     pub bare_capture_weight: f64,
+    /// How far above the lowest point of the capture its samples draw feet that are away from them: below any hem.
+    pub sole_height: f64,
+    /// Weight of these samples.
+    pub sole_weight: f64,
+    /// Their Geman–McClure scale.
+    pub sole_scale: f64,
 }
 
 impl Default for SurfaceConfig {
@@ -316,6 +322,9 @@ impl Default for SurfaceConfig {
             bare_weight: 1.0,
             bare_scale: 0.06,
             bare_capture_weight: 1.0,
+            sole_height: 0.04,
+            sole_weight: 4.0,
+            sole_scale: 0.15,
         }
     }
 }
@@ -547,6 +556,12 @@ pub struct CodeThresholds {
     /// Largest share of such samples among all. Hems and folds of a wide dress reach 4 % under a right body, an arm
     /// alone is 5 %.
     pub uncovered_limb_share: f64,
+    /// Distance from which a sample at the end of a limb, or as low as the soles, has no body in it.
+    pub tip_distance: f64,
+    /// Smallest share of all samples that such an end takes: half a foot.
+    pub uncovered_tip_share: f64,
+    /// Largest share of samples as low as the soles without a body within that distance: a third of what shows of feet.
+    pub uncovered_sole_share: f64,
     /// How deep the bone of a forearm or a shank may lie inside the trunk.
     pub limb_depth: f64,
     /// Largest turn of a joint between frames, in radians.
@@ -570,6 +585,9 @@ impl Default for CodeThresholds {
             missing_share: 0.6,
             limb_distance: 0.09,
             uncovered_limb_share: 0.06,
+            tip_distance: 0.12,
+            uncovered_tip_share: 0.003,
+            uncovered_sole_share: 0.005,
             limb_depth: 0.02,
             jump_angle: 1.2,
             jump_distance: 0.4,

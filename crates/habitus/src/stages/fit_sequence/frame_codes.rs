@@ -1,11 +1,10 @@
 //! Decides what is suspicious about a fitted frame.
 
 use glam::DVec3;
-use habitus_geometry::PointGrid;
 
 use super::body_levels::{BodyLevel, PreparedIdentity};
 use super::captured_frame::CapturedFrame;
-use super::clothed_surface::{ClothedPairs, clothed_pairs};
+use super::clothed_surface::{ClothedPairs, clothed_pairs, uncovered_share, uncovered_sole_share};
 use super::config::{CodeThresholds, SurfaceConfig};
 use super::limb_watch::{SpreadBody, has_lost_a_limb};
 use super::refine_identity::{outside, signed_distances};
@@ -57,8 +56,10 @@ pub(super) fn judge_frame(
     let spread: Vec<DVec3> = vertices.iter().step_by(SPREAD_STRIDE).copied().collect();
     let spread_normals: Vec<DVec3> = normals.iter().step_by(SPREAD_STRIDE).copied().collect();
     let spread_bones: Vec<u8> = body.level.main_bones.iter().step_by(SPREAD_STRIDE).copied().collect();
-    let uncovered = uncovered_share(capture, &spread, thresholds.uncovered_distance);
-    fire(uncovered > thresholds.uncovered_share, Code::CaptureNotCovered);
+    let uncovered = uncovered_share(capture, &spread, thresholds.uncovered_distance, |_| true);
+    let bare_soles = uncovered_sole_share(capture, &spread, thresholds.tip_distance, surface);
+    let are_soles_bare = bare_soles > thresholds.uncovered_sole_share;
+    fire(uncovered > thresholds.uncovered_share || are_soles_bare, Code::CaptureNotCovered);
     fire(uncovered > FOREIGN_FACTOR * thresholds.uncovered_share, Code::ForeignObject);
     let spread = SpreadBody { vertices: &spread, normals: &spread_normals, bones: &spread_bones };
     let is_missing = has_lost_a_limb(body, &posed, &field, capture, &spread, thresholds);
@@ -81,12 +82,6 @@ pub(super) fn judge_frame(
 const SPREAD_STRIDE: usize = 8;
 /// Beyond this multiple of the uncovered share, what is uncovered is something of its own.
 const FOREIGN_FACTOR: f64 = 2.0;
-
-fn uncovered_share(capture: &CapturedFrame, vertices: &[DVec3], distance: f64) -> f64 {
-    let grid = PointGrid::new(vertices);
-    let uncovered = capture.samples.iter().filter(|sample| !grid.has_within(sample.position, distance));
-    uncovered.count() as f64 / capture.samples.len().max(1) as f64
-}
 
 fn is_joint_at_limit(body: &PreparedIdentity<'_>, pose: &[f64]) -> bool {
     const TOUCH: f64 = 1e-6;

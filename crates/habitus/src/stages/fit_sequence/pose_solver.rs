@@ -6,7 +6,9 @@ use habitus_optimize::{Bounds, GaussNewtonSettings, Silent, gauss_newton};
 use super::FitSequenceError;
 use super::body_levels::{BodyLevel, PreparedIdentity};
 use super::captured_frame::CapturedFrame;
-use super::clothed_surface::{bare_capture_pairs, capture_pairs, clothed_pairs, uncovered_limb_share};
+use super::clothed_surface::{
+    bare_capture_pairs, capture_pairs, clothed_pairs, sole_pairs, uncovered_limb_share, uncovered_sole_share,
+};
 use super::config::{CodeThresholds, SurfaceConfig, TrackConfig};
 use super::limb_watch::{SpreadBody, has_lost_a_limb};
 use crate::body::{ROOT_LENGTH, Skeleton, rotation_vector};
@@ -59,6 +61,17 @@ pub(super) struct PoseSolution {
     pub inlier_share: f64,
     /// Head, a hand or a foot is away from the capture, or a limb of the capture has no body in it.
     pub has_lost_a_limb: bool,
+}
+
+impl PoseSolution {
+    /// Whether it explains the frame better: first no limb may be lost, then the energy counts.
+    pub fn is_better_than(&self, other: &Self) -> bool {
+        match (self.has_lost_a_limb, other.has_lost_a_limb) {
+            (false, true) => true,
+            (true, false) => false,
+            _ => self.energy < other.energy,
+        }
+    }
 }
 
 /// Capture samples that are compared with the coarse vertices in one round.
@@ -150,7 +163,8 @@ impl PoseSolver<'_> {
         let (_, uncovered) =
             capture_pairs(frame, stride, &vertices, &normals, 1.0, self.track.capture_scale[1]);
         // A limb of the capture without a body counts like a vertex without a pair: as far away.
-        let lost_limbs = uncovered_limb_share(frame, &vertices, self.codes.limb_distance);
+        let lost_limbs = uncovered_limb_share(frame, &vertices, self.codes.limb_distance)
+            + uncovered_sole_share(frame, &vertices, self.codes.limb_distance, self.surface);
         let far = self.surface.bare_weight * self.surface.bare_scale * self.surface.bare_scale;
         let energy = clothed.energy + self.track.capture_weight * uncovered + lost_limbs * far;
         let bones = &self.coarse.level.main_bones;
@@ -186,6 +200,8 @@ impl PoseSolver<'_> {
                 pairs.extend(bare_capture_pairs(body.level, frame, &vertices, &normals, self.surface));
             }
             let closest = ClosestPoints::new(&pairs, DistanceForm::Plane);
+            let soles = sole_pairs(body.level, frame, &vertices, self.surface);
+            let soles = ClosestPoints::new(&soles, DistanceForm::Point);
             let count = vertices.len() as f64;
             let mut pulls: Vec<StayNear> = prior
                 .angles
@@ -202,7 +218,7 @@ impl PoseSolver<'_> {
                 pulls.push(StayNear::new(0, target, &stiffness));
             }
             let landmarks = landmark_term(body.level, &prior.landmarks);
-            let start = Fit::new(&body.deformer).with(1.0, &closest).with(1.0, &landmarks);
+            let start = Fit::new(&body.deformer).with(1.0, &closest).with(1.0, &soles).with(1.0, &landmarks);
             let fit = pulls.iter().fold(start, |fit, pull| fit.with(1.0, pull));
             gauss_newton(&fit, pose, &self.bounds, &settings, &mut Silent)?;
             field = Some(found);
