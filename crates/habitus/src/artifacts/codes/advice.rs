@@ -67,7 +67,7 @@ impl Code {
                 "look at the frame in the report; give landmarks for it with --landmarks"
             }
             Self::CaptureNotCovered | Self::ForeignObject => {
-                "remove floor, objects and other people from the capture"
+                "remove floor, objects and other people from the capture; look whether the feet stand where its lowest parts are"
             }
             Self::BodyNotCovered => "look whether the capture misses head or feet; trust those parts less",
             Self::JointAtLimit => "look at the frame in the report",
