@@ -7,6 +7,7 @@
 //!
 //! An edge opens by how much longer it is than in the first frame; of each edge the frame counts in which it opens most. With
 //! `--meshes` the frame of each layer in which the middle opens most is written, dressed.
+#![allow(clippy::print_stdout, reason = "an example shows what it does")]
 
 use std::path::{Path, PathBuf};
 

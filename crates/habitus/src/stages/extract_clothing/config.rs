@@ -80,9 +80,10 @@ impl Default for AssociationConfig {
 #[serde(default, deny_unknown_fields)]
 pub struct SpreadingConfig {
     /// Width over which weights are evened out, for each metre that the cloth stands off beyond `tight_clearance`. 0
-    /// leaves the weights as P3 Eq. 3 has them.
+    /// leaves the weights as P3 Eq. 3 has them; with 2.5 and more a skirt hangs on the hips and its legs come through.
     pub width_per_clearance: f64,
-    /// Mean distance from the skin up to which cloth counts as lying on it, and keeps its weights: the σ of P3's diffusion.
+    /// Mean distance from the skin up to which cloth counts as lying on it, and keeps its weights: the reach of P3's
+    /// diffusion.
     pub tight_clearance: f64,
     /// Implicit steps that the width is reached in: more of them make the transition rounder.
     pub steps: usize,
@@ -92,7 +93,7 @@ pub struct SpreadingConfig {
 
 impl Default for SpreadingConfig {
     fn default() -> Self {
-        Self { width_per_clearance: 2.5, tight_clearance: 0.01, steps: 2, smallest_share: 1e-3 }
+        Self { width_per_clearance: 1.5, tight_clearance: 0.03, steps: 2, smallest_share: 1e-3 }
     }
 }
 

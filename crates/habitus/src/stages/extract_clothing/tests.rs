@@ -197,8 +197,8 @@ fn between_two_legs_a_skirt_opens_over_its_width_and_not_in_the_middle() {
     // An even spread over front and back would be twice the mean of the whole hem if its sides did not open at all.
     assert!(printed > 20.0 * of_printed_hem, "{printed} m where {of_printed_hem} m would be even");
     assert!(spread < 2.5 * of_hem, "{spread} m where {of_hem} m would be even");
-    // The hem as a whole becomes about as much longer: nothing is hidden by holding the skirt back.
-    assert!(of_hem > 0.5 * of_printed_hem, "{of_hem} m instead of {of_printed_hem} m");
+    // The skirt still follows the legs: it is not left hanging on the hips, where they would come through.
+    assert!(of_hem > 0.7 * of_printed_hem, "{of_hem} m instead of {of_printed_hem} m");
 }
 
 #[test]
