@@ -7,7 +7,7 @@ use habitus::artifacts::clothing_controls::ParameterTable;
 use habitus::artifacts::clothing_layer::ClothingLayer;
 use habitus::artifacts::rigged_sequence::FrameRate;
 use habitus::body::BodyModel;
-use habitus::evaluation::clothing_metrics::LeftOutKind;
+use habitus::evaluation::clothing_metrics::{Course, LeftOutKind};
 use habitus::optimize::Silent;
 use habitus::pipeline::{CaptureOrigin, ClothingEvaluation, EvaluatedClothing, read_stored_fit};
 use habitus::stages::extract_clothing::{DressedSurfaces, ExtractClothingConfig, extract_clothing};
@@ -67,9 +67,16 @@ fn a_larger_size_makes_a_larger_hem_all_the_way() {
         assert!(!hems.is_empty(), "{control}: {:?}", response.lengths_mm.keys());
         let grown = hems.iter().filter(|hem| response.grows(hem)).count();
         assert!(grown > 0, "{control}: {response:?}");
-        let (border, change) = response.most_changed().expect("has borders");
-        assert!(change > 30.0 && response.grows(border), "{control}: {border} by {change} mm: {response:?}");
+        let most = response.length_change().expect("has borders");
+        assert!(most.change_mm > 30.0 && most.course == Course::Grows, "{control}: {most:?} of {response:?}");
     }
+    // Longer shorts have a hem farther down. It need not be larger: thighs are thinner there.
+    let response = &metrics.hem_response["shorts_length"];
+    for (hem, heights) in response.heights_mm.iter().filter(|(name, _)| name.contains("thigh")) {
+        assert!(heights.is_sorted_by(|a, b| a > b), "the hem of {hem} goes up: {heights:?}");
+    }
+    let most = response.height_change().expect("has borders");
+    assert!(most.border.contains("thigh") && most.change_mm < -30.0, "{most:?} of {response:?}");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use anyhow::Context;
 use clap::Args;
 use habitus::artifacts::clothing_controls::ParameterTable;
 use habitus::artifacts::write_atomically;
-use habitus::evaluation::clothing_metrics::ClothingMetrics;
+use habitus::evaluation::clothing_metrics::{ClothingMetrics, Course};
 use habitus::pipeline::{ClothingEvaluation, EvaluatedClothing, read_layers};
 use habitus_report::clothing::clothing_page;
 
@@ -94,10 +94,20 @@ fn clothing_table(metrics: &ClothingMetrics) -> String {
         lines.push(format!("left out {name:16} {}", errors.join("  ")));
     }
     for (control, response) in &metrics.hem_response {
-        if let Some((border, change)) = response.most_changed() {
-            let way = if response.grows(border) { "grows all the way" } else { "does not only grow" };
-            lines.push(format!("{control:18} border of {border}: {change:+.0} mm, {way}"));
+        let changes = [("border of", response.length_change()), ("height of", response.height_change())];
+        for (what, change) in changes {
+            let Some(change) = change else { continue };
+            let (border, millimetres, course) = (change.border, change.change_mm, course_text(change.course));
+            lines.push(format!("{control:18} {what} {border}: {millimetres:+.0} mm, {course}"));
         }
     }
     lines.join("\n")
+}
+
+fn course_text(course: Course) -> &'static str {
+    match course {
+        Course::Grows => "grows all the way",
+        Course::Falls => "falls all the way",
+        Course::Turns => "grows and falls",
+    }
 }

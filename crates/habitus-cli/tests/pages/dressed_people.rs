@@ -94,6 +94,7 @@ fn tunic(model: &BodyModel, width: f64) -> ClothingLayer {
             origins: vec![AssociationOrigin::Diffused; covered.len()],
             body_vertices: covered,
             smallest_stretch: 0.2,
+            spread_skin: None,
         },
         rest_vertices: body,
         clothing_faces,

@@ -33,7 +33,7 @@ pub fn clothing_page(metrics: &ClothingMetrics, maps: &[ClothingErrorMap]) -> Re
 pub fn figures(metrics: &ClothingMetrics, maps: &[ClothingErrorMap]) -> Result<Vec<Figure>, RenderError> {
     let mut figures = vec![frame_errors(metrics)];
     figures.extend(left_out_bars(metrics));
-    figures.extend(metrics.hem_response.iter().map(|(name, response)| hem_curves(name, response)));
+    figures.extend(metrics.hem_response.iter().flat_map(|(name, response)| hem_curves(name, response)));
     if !maps.is_empty() {
         figures.push(Figure {
             name: "left_out_error_maps".into(),
@@ -85,19 +85,26 @@ fn left_out_bars(metrics: &ClothingMetrics) -> Option<Figure> {
     Some(Figure { name: "left_out".into(), caption, svg: chart.svg() })
 }
 
-fn hem_curves(control: &str, response: &HemResponse) -> Figure {
-    let series = |(border, lengths): (&String, &Vec<f64>)| Series {
-        name: border.clone(),
-        points: response.values.iter().zip(lengths).map(|(value, length)| [*value, *length]).collect(),
+/// How long the borders are by a control, and how high where that is known.
+fn hem_curves(control: &str, response: &HemResponse) -> Vec<Figure> {
+    let curves = |what: &str, name: String, borders: &BTreeMap<String, Vec<f64>>| {
+        let series = |(border, values): (&String, &Vec<f64>)| Series {
+            name: border.clone(),
+            points: response.values.iter().zip(values).map(|(x, y)| [*x, *y]).collect(),
+        };
+        let chart = LineChart {
+            title: format!("Borders of the clothing by {control}"),
+            x_label: control.into(),
+            y_label: format!("{what} at rest, mm"),
+            series: borders.iter().map(series).collect(),
+        };
+        Figure { name, caption: "The other controls at their means.".into(), svg: chart.svg() }
     };
-    let chart = LineChart {
-        title: format!("Borders of the clothing by {control}"),
-        x_label: control.into(),
-        y_label: "length at rest, mm".into(),
-        series: response.lengths_mm.iter().map(series).collect(),
-    };
-    let caption = "The other controls at their means.".into();
-    Figure { name: format!("hems_{control}"), caption, svg: chart.svg() }
+    let mut figures = vec![curves("length", format!("hems_{control}"), &response.lengths_mm)];
+    if !response.heights_mm.is_empty() {
+        figures.push(curves("height", format!("hem_heights_{control}"), &response.heights_mm));
+    }
+    figures
 }
 
 fn tables(metrics: &ClothingMetrics) -> Vec<Table> {
@@ -215,6 +222,7 @@ mod tests {
             lengths_mm: [("thigh", vec![400.0, 520.0]), ("pelvis", vec![900.0, 900.0])]
                 .map(|(border, lengths)| (border.to_owned(), lengths))
                 .into(),
+            heights_mm: [("thigh".to_owned(), vec![610.0, 540.0])].into(),
         };
         metrics.hem_response.insert("width".into(), hems);
         let triangle = vec![DVec3::ZERO, DVec3::X, DVec3::Y];

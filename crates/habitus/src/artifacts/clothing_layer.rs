@@ -44,6 +44,9 @@ pub struct ClothingAssociation {
     pub origins: Vec<AssociationOrigin>,
     /// Smallest stretch of the blended transforms; see [`BlendedSkin::carriers_into`].
     pub smallest_stretch: f64,
+    /// Bone weights that were evened out where the cloth stands off the body; without it those of the body vertices,
+    /// Σ ω w (P3 Eq. 3). Not negative, the sum of a clothing vertex is one.
+    pub spread_skin: Option<BlendedSkin>,
 }
 
 impl ClothingAssociation {
@@ -71,6 +74,11 @@ impl ClothingAssociation {
 
     /// Bone weights of the clothing vertices.
     pub fn blended_skin(&self, rig: &Rig) -> BlendedSkin {
+        self.spread_skin.clone().unwrap_or_else(|| self.skin_of_body_vertices(rig))
+    }
+
+    /// Bone weights of the body vertices that the clothing vertices hang on: Σ ω w (P3 Eq. 3).
+    pub fn skin_of_body_vertices(&self, rig: &Rig) -> BlendedSkin {
         let slots = self.body_vertices_per_clothing_vertex;
         BlendedSkin::new(&rig.skin, slots, &self.body_vertices, &self.weights)
     }

@@ -82,6 +82,7 @@ pub(crate) fn moving_layer(frame_count: usize, width: f64) -> ClothingLayer {
         weights: [0.75, 0.25].repeat(vertex_count),
         origins: vec![AssociationOrigin::Diffused; vertex_count],
         smallest_stretch: 0.2,
+        spread_skin: None,
     };
     let pose = |frame: usize| -> Vec<f64> {
         // Two rhythms move all joints, each at its own phase: no pose comes twice, but its like does.

@@ -42,7 +42,7 @@ impl BlendedSkin {
     /// The skin of points of which point `i` hangs on the body vertices and weights `i · slots .. (i + 1) · slots`.
     pub fn new(skin: &SkinWeights, slots: usize, body_vertices: &[u32], weights: &[f64]) -> Self {
         assert_eq!(body_vertices.len(), weights.len(), "one weight for each body vertex");
-        let mut blended = Self { starts: vec![0], bones: Vec::new(), weights: Vec::new() };
+        let mut blended = Self::without_points();
         let mut sums: Vec<(u8, f64)> = Vec::new();
         let slots = slots.max(1);
         for (vertices, weights) in body_vertices.chunks_exact(slots).zip(weights.chunks_exact(slots)) {
@@ -57,11 +57,45 @@ impl BlendedSkin {
                 }
             }
             sums.sort_unstable_by_key(|(bone, _)| *bone);
-            blended.bones.extend(sums.iter().map(|(bone, _)| *bone));
-            blended.weights.extend(sums.iter().map(|(_, weight)| *weight));
-            blended.starts.push(blended.bones.len() as u32);
+            blended.push(sums.iter().copied());
         }
         blended
+    }
+
+    /// The skin of a full table: the weights of point `i` are `table[i · bone_count .. (i + 1) · bone_count]`.
+    pub fn of_table(bone_count: usize, table: &[f64]) -> Self {
+        let mut blended = Self::without_points();
+        for row in table.chunks_exact(bone_count.max(1)) {
+            blended.push((0..).zip(row.iter().copied()).filter(|(_, weight)| *weight != 0.0));
+        }
+        blended
+    }
+
+    /// What [`BlendedSkin::of_table`] takes.
+    ///
+    /// # Panics
+    /// When a point hangs on a bone beyond `bone_count`.
+    pub fn table(&self, bone_count: usize) -> Vec<f64> {
+        let mut table = vec![0.0; self.point_count() * bone_count];
+        for point in 0..self.point_count() {
+            for (bone, weight) in self.of(point) {
+                assert!(bone < bone_count, "bone {bone} of {bone_count}");
+                table[point * bone_count + bone] = weight;
+            }
+        }
+        table
+    }
+
+    fn without_points() -> Self {
+        Self { starts: vec![0], bones: Vec::new(), weights: Vec::new() }
+    }
+
+    fn push(&mut self, bones: impl Iterator<Item = (u8, f64)>) {
+        for (bone, weight) in bones {
+            self.bones.push(bone);
+            self.weights.push(weight);
+        }
+        self.starts.push(self.bones.len() as u32);
     }
 
     /// Number of points.

@@ -29,28 +29,74 @@ pub enum LeftOutKind {
     Size,
 }
 
-/// Lengths of the clothing's borders, such as hems and sleeves, at rest.
+/// Lengths and heights of the clothing's borders, such as hems and sleeves, at rest.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct HemResponse {
     /// Values of the control.
     pub values: Vec<f64>,
     /// Length in mm of each border at each value, by the bone that carries the border.
     pub lengths_mm: BTreeMap<String, Vec<f64>>,
+    /// Mean height in mm of each border at each value. Longer shorts end lower on a leg that is thinner there: their hem
+    /// falls and need not grow. Absent in files of earlier versions.
+    #[serde(default)]
+    pub heights_mm: BTreeMap<String, Vec<f64>>,
+}
+
+/// How a number changes while a control grows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Course {
+    /// It never gets smaller.
+    Grows,
+    /// It never gets larger, and is smaller at last.
+    Falls,
+    /// Neither.
+    Turns,
+}
+
+impl Course {
+    fn of(values: &[f64]) -> Self {
+        match (values.is_sorted(), values.is_sorted_by(|a, b| a >= b)) {
+            (true, _) => Self::Grows,
+            (false, true) => Self::Falls,
+            (false, false) => Self::Turns,
+        }
+    }
+}
+
+/// A border and what a control does to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BorderChange<'a> {
+    /// The border's name.
+    pub border: &'a str,
+    /// From the control's smallest to its largest value, in mm.
+    pub change_mm: f64,
+    /// What happens in between.
+    pub course: Course,
 }
 
 impl HemResponse {
-    /// The border whose length the control changes most, and by how much, in mm.
-    pub fn most_changed(&self) -> Option<(&str, f64)> {
-        let change = |lengths: &[f64]| lengths.last().zip(lengths.first()).map(|(last, first)| last - first);
-        let changes =
-            self.lengths_mm.iter().filter_map(|(name, lengths)| Some((name.as_str(), change(lengths)?)));
-        changes.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
+    /// The border whose length the control changes most.
+    pub fn length_change(&self) -> Option<BorderChange<'_>> {
+        largest_change(&self.lengths_mm)
+    }
+
+    /// The border whose height the control changes most.
+    pub fn height_change(&self) -> Option<BorderChange<'_>> {
+        largest_change(&self.heights_mm)
     }
 
     /// Whether a border never gets shorter as the control grows.
     pub fn grows(&self, border: &str) -> bool {
-        self.lengths_mm.get(border).is_some_and(|lengths| lengths.is_sorted())
+        self.lengths_mm.get(border).is_some_and(|lengths| Course::of(lengths) == Course::Grows)
     }
+}
+
+fn largest_change(borders: &BTreeMap<String, Vec<f64>>) -> Option<BorderChange<'_>> {
+    let changes = borders.iter().filter_map(|(border, values)| {
+        let change_mm = values.last()? - values.first()?;
+        Some(BorderChange { border, change_mm, course: Course::of(values) })
+    });
+    changes.max_by(|a, b| a.change_mm.abs().total_cmp(&b.change_mm.abs()))
 }
 
 /// Where on the clothing a prediction is wrong: means over the frames of one sequence.
@@ -91,7 +137,7 @@ pub struct ClothingMetrics {
     pub left_out_kind: LeftOutKind,
     /// How much each control moves the clothing on each bone, in mm from its smallest to its largest value.
     pub control_response_mm: BTreeMap<String, BTreeMap<String, f64>>,
-    /// How long each border of the clothing is as a control goes from its smallest to its largest value.
+    /// How long and how high each border of the clothing is as a control goes from its smallest to its largest value.
     pub hem_response: BTreeMap<String, HemResponse>,
     /// Error of each frame, in mm, of the default recipe on the block split; frames learnt from come first.
     pub frame_error_mm: Vec<f64>,

@@ -45,6 +45,9 @@ pub(super) fn measure_sliders(
             for (name, length) in borders.lengths_mm(&offsets) {
                 hems.lengths_mm.entry(name).or_default().push(length);
             }
+            for (name, height) in borders.heights_mm(&offsets) {
+                hems.heights_mm.entry(name).or_default().push(height);
+            }
             if step == 0 || step + 1 == STEPS {
                 ends.push(offsets);
             }
@@ -117,16 +120,30 @@ impl Borders {
 
     /// Mean length of each border over rows of offsets, in mm.
     fn lengths_mm(&self, offsets: &[Vec<f64>]) -> Vec<(String, f64)> {
-        let length = |border: &[u32], offsets: &[f64]| -> f64 {
-            let place = |vertex: u32| {
-                self.anchors[vertex as usize] + DVec3::from_slice(&offsets[3 * vertex as usize..])
-            };
-            let next = border.iter().cycle().skip(1);
-            border.iter().zip(next).map(|(a, b)| place(*a).distance(place(*b))).sum()
-        };
+        self.means_mm(offsets, |places| {
+            let next = places.iter().cycle().skip(1);
+            places.iter().zip(next).map(|(a, b)| a.distance(*b)).sum()
+        })
+    }
+
+    /// Mean height of each border over rows of offsets, in mm.
+    fn heights_mm(&self, offsets: &[Vec<f64>]) -> Vec<(String, f64)> {
+        self.means_mm(offsets, |places| {
+            places.iter().map(|place| place.y).sum::<f64>() / places.len().max(1) as f64
+        })
+    }
+
+    /// Mean over rows of offsets of what is measured, in metres, on the places of each border at rest.
+    fn means_mm(&self, offsets: &[Vec<f64>], measure: impl Fn(&[DVec3]) -> f64) -> Vec<(String, f64)> {
         let mean = |border: &[u32]| {
-            let sum: f64 = offsets.iter().map(|offsets| length(border, offsets)).sum();
-            1000.0 * sum / offsets.len().max(1) as f64
+            let measured = offsets.iter().map(|offsets| {
+                let place = |vertex: &u32| {
+                    let vertex = *vertex as usize;
+                    self.anchors[vertex] + DVec3::from_slice(&offsets[3 * vertex..])
+                };
+                measure(&border.iter().map(place).collect::<Vec<DVec3>>())
+            });
+            1000.0 * measured.sum::<f64>() / offsets.len().max(1) as f64
         };
         self.loops.iter().map(|(name, border)| (name.clone(), mean(border))).collect()
     }

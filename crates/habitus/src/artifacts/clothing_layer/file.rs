@@ -12,10 +12,15 @@ use crate::artifacts::npz::{NpzError, NpzReader, NpzWriter};
 use crate::artifacts::rig_file::{RigNames, add_rig, flat, read_rig};
 use crate::artifacts::rigged_sequence::FrameRate;
 use crate::artifacts::sequence_files::records::{FileHeader, InputFrameRecord};
-use crate::body::ModelFileError;
+use crate::body::{BlendedSkin, ModelFileError};
 
 const FORMAT: &str = "habitus-clothing-layer";
-const VERSION: u32 = 1;
+/// The newest version that is read; what an older program can read too is written as [`VERSION_WITHOUT_BONE_WEIGHTS`].
+const VERSION: u32 = 2;
+/// A program that does not know the bone weights would pose the clothing with others, and must refuse the file instead.
+const VERSION_WITHOUT_BONE_WEIGHTS: u32 = 1;
+/// Bone weights of each clothing vertex, where they are not those of its body vertices.
+const BONE_WEIGHTS: &str = "association_bone_weights";
 /// Written sums are right to rounding; more means that somebody edited the file.
 const WEIGHT_SUM_TOLERANCE: f64 = 1e-6;
 
@@ -101,7 +106,8 @@ pub(in crate::artifacts) fn add_layer(file: &mut NpzWriter, metadata_key: &str, 
         frames: layer.frames.iter().map(FrameRecord::of).collect(),
     };
     let contents = serde_json::to_value(metadata).unwrap_or_default();
-    let header = FileHeader { format: FORMAT.into(), version: VERSION, contents };
+    let version = if association.spread_skin.is_some() { VERSION } else { VERSION_WITHOUT_BONE_WEIGHTS };
+    let header = FileHeader { format: FORMAT.into(), version, contents };
     file.add_text(metadata_key, &serde_json::to_string(&header).unwrap_or_default());
     file.add("offsets", &[frame_count, vertex_count, 3], &layer.offsets);
     let poses: Vec<f64> = layer.frames.iter().flat_map(|frame| frame.pose.iter().copied()).collect();
@@ -110,6 +116,10 @@ pub(in crate::artifacts) fn add_layer(file: &mut NpzWriter, metadata_key: &str, 
     let bodies: Vec<i32> = association.body_vertices.iter().map(|vertex| *vertex as i32).collect();
     file.add("association_body_vertices", &[vertex_count, slots], &bodies);
     file.add("association_weights", &[vertex_count, slots], &association.weights);
+    if let Some(skin) = &association.spread_skin {
+        let bone_count = layer.rig.skeleton.bones().len();
+        file.add(BONE_WEIGHTS, &[vertex_count, bone_count], &skin.table(bone_count));
+    }
     let completed =
         association.origins.iter().map(|origin| u8::from(*origin == AssociationOrigin::Completed));
     file.add("association_completed", &[vertex_count], &completed.collect::<Vec<u8>>());
@@ -155,8 +165,9 @@ pub(in crate::artifacts) fn read_arrays(
     let rest_vertices = read_points(file, "rest_vertices", None)?;
     let rig = read_rig(file, &metadata.rig, rest_vertices.len(), path)?;
     let rest_joints = read_points(file, "rest_joints", Some(rig.skeleton.bones().len()))?;
-    let association = read_association(file, rest_vertices.len(), metadata.smallest_stretch)?;
+    let mut association = read_association(file, rest_vertices.len(), metadata.smallest_stretch)?;
     let vertex_count = association.clothing_vertex_count();
+    association.spread_skin = read_spread_skin(file, vertex_count, rig.skeleton.bones().len())?;
     let faces = file.indices("clothing_faces", vertex_count)?;
     file.expect_shape("clothing_faces", &faces, &[None, Some(3)])?;
     let frame_count = metadata.frames.len();
@@ -234,13 +245,53 @@ fn read_association(
         weights: weights.values,
         origins: completed.values.iter().map(origin).collect(),
         smallest_stretch,
+        spread_skin: None,
     })
+}
+
+/// Files of before the weights were spread, and those whose weights are the paper's, do without the array.
+fn read_spread_skin(
+    file: &mut NpzReader,
+    vertex_count: usize,
+    bone_count: usize,
+) -> Result<Option<BlendedSkin>, NpzError> {
+    if !file.contains(BONE_WEIGHTS) {
+        return Ok(None);
+    }
+    let table = file.floats(BONE_WEIGHTS)?;
+    file.expect_shape(BONE_WEIGHTS, &table, &[Some(vertex_count), Some(bone_count)])?;
+    Ok(Some(BlendedSkin::of_table(bone_count, &table.values)))
 }
 
 fn read_points(file: &mut NpzReader, key: &str, count: Option<usize>) -> Result<Vec<DVec3>, NpzError> {
     let array = file.floats(key)?;
     file.expect_shape(key, &array, &[count, Some(3)])?;
     Ok(array.values.chunks_exact(3).map(DVec3::from_slice).collect())
+}
+
+fn are_shares(weights: impl Iterator<Item = f64>) -> bool {
+    let (mut sum, mut smallest) = (0.0, 0.0_f64);
+    for weight in weights {
+        sum += weight;
+        smallest = smallest.min(weight);
+    }
+    // A sum that is not a number fails, too.
+    smallest >= 0.0 && (sum - 1.0).abs() <= WEIGHT_SUM_TOLERANCE
+}
+
+fn check_spread_skin(skin: &BlendedSkin, vertex_count: usize, bone_count: usize) -> Result<(), String> {
+    if skin.point_count() != vertex_count {
+        return Err("the bone weights do not belong to the clothing vertices".into());
+    }
+    for vertex in 0..vertex_count {
+        if skin.of(vertex).any(|(bone, _)| bone >= bone_count) {
+            return Err(format!("clothing vertex {vertex} hangs on a bone that the skeleton does not have"));
+        }
+        if !are_shares(skin.of(vertex).map(|(_, weight)| weight)) {
+            return Err(format!("the bone weights of clothing vertex {vertex} do not sum to one"));
+        }
+    }
+    Ok(())
 }
 
 /// A file that cannot be read again must not be written, and one that was edited must not be believed.
@@ -255,10 +306,12 @@ fn check(layer: &ClothingLayer) -> Result<(), String> {
         return Err("the association needs as many body vertices and weights as its clothing vertices".into());
     }
     for (vertex, weights) in association.weights.chunks_exact(slots).enumerate() {
-        let sum: f64 = weights.iter().sum();
-        if weights.iter().any(|weight| *weight < 0.0) || (sum - 1.0).abs() > WEIGHT_SUM_TOLERANCE {
+        if !are_shares(weights.iter().copied()) {
             return Err(format!("the association weights of clothing vertex {vertex} do not sum to one"));
         }
+    }
+    if let Some(skin) = &association.spread_skin {
+        check_spread_skin(skin, vertex_count, layer.rig.skeleton.bones().len())?;
     }
     if !(association.smallest_stretch > 0.0 && association.smallest_stretch <= 1.0) {
         let found = association.smallest_stretch;

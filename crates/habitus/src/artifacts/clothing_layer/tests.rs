@@ -24,6 +24,7 @@ pub(crate) fn layer(frame_count: usize) -> ClothingLayer {
             .map(|k| if k % 5 == 0 { AssociationOrigin::Completed } else { AssociationOrigin::Diffused })
             .collect(),
         smallest_stretch: 0.2,
+        spread_skin: None,
     };
     let frames = fit.sequence.frames.iter().enumerate().map(|(index, frame)| ClothingFrame {
         name: frame.name.clone(),
@@ -70,6 +71,51 @@ fn writing_and_reading_gives_the_same_clothing_to_the_bit() {
     for frame in 0..4 {
         assert_eq!(before.clothing_vertices(frame), after.clothing_vertices(frame));
     }
+}
+
+/// The layer with other bone weights than those of its body vertices: three bones share each vertex.
+fn with_spread_skin(frame_count: usize) -> ClothingLayer {
+    let mut layer = layer(frame_count);
+    let bone_count = layer.rig.skeleton.bones().len();
+    let mut table = vec![0.0; 30 * bone_count];
+    for (vertex, row) in table.chunks_exact_mut(bone_count).enumerate() {
+        for (k, weight) in [0.5, 0.3, 0.2].into_iter().enumerate() {
+            row[(vertex + 2 * k) % bone_count] += weight;
+        }
+    }
+    layer.association.spread_skin = Some(BlendedSkin::of_table(bone_count, &table));
+    layer
+}
+
+#[test]
+fn spread_bone_weights_pose_the_clothing_and_survive_the_file() {
+    let before = with_spread_skin(3);
+    assert!(largest_distance(&before.clothing_vertices(1), &layer(3).clothing_vertices(1)) > 1e-3);
+    let after = read(written(&before)).unwrap();
+    assert_eq!(before.association, after.association);
+    for frame in 0..3 {
+        assert_eq!(before.clothing_vertices(frame), after.clothing_vertices(frame));
+    }
+    // A program that knows version 1 alone would use other weights, so it must not read this file, but may read the other.
+    for (layer, version) in [(&before, "\"version\":2"), (&layer(3), "\"version\":1")] {
+        let text = NpzReader::new(written(layer), Path::new("layer.npz")).unwrap().text("metadata").unwrap();
+        assert!(text.contains(version), "{text}");
+    }
+}
+
+#[test]
+fn bone_weights_that_are_no_shares_are_not_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("layer.npz");
+    let bone_count = layer(1).rig.skeleton.bones().len();
+    let mut weights = with_spread_skin(1).association.spread_skin.unwrap().table(bone_count);
+    weights[2] += 0.1;
+    for table in [&weights[..], &weights[bone_count..]] {
+        let mut broken = layer(1);
+        broken.association.spread_skin = Some(BlendedSkin::of_table(bone_count, table));
+        assert!(matches!(write_layer(&path, &broken), Err(LayerFileError::Inconsistent { .. })));
+    }
+    assert!(!path.exists());
 }
 
 /// As a reader with nothing but the arrays would write it: Σ ω Σ w (R (anchor + offset) + t).
@@ -133,7 +179,7 @@ fn truncated_foreign_and_newer_files_are_refused_by_name() {
     };
     let foreign = with_metadata(r#"{"format": "habitus-fit", "version": 1}"#);
     assert!(matches!(foreign, Err(LayerFileError::Foreign { .. })));
-    let newer = with_metadata(r#"{"format": "habitus-clothing-layer", "version": 2}"#);
-    assert!(matches!(newer, Err(LayerFileError::Newer { found: 2, .. })));
+    let newer = with_metadata(r#"{"format": "habitus-clothing-layer", "version": 3}"#);
+    assert!(matches!(newer, Err(LayerFileError::Newer { found: 3, .. })));
     assert!(with_metadata("{").is_err());
 }

@@ -4,15 +4,34 @@ use glam::DVec3;
 use nalgebra::DMatrix;
 
 use super::dressed_glb;
-use crate::artifacts::clothing_layer::pose_offsets;
+use crate::artifacts::clothing_layer::{ClothingLayer, pose_offsets};
 use crate::artifacts::fixture::{largest_distance, moving_layer, rigged_sequence};
 use crate::artifacts::skinned_glb::tests::Player;
 use crate::artifacts::synthesized_sequence::SynthesizedSequence;
+use crate::body::BlendedSkin;
 use crate::statistics::{LinearSpace, LinearSpaceSettings, SampleMatrix};
 
 #[test]
 fn morph_targets_and_joints_give_the_synthesized_clothing() {
-    let layer = moving_layer(12, 0.0);
+    a_player_sees_what_was_synthesized(&moving_layer(12, 0.0));
+}
+
+#[test]
+fn a_player_uses_the_bone_weights_that_were_spread() {
+    let mut layer = moving_layer(12, 0.0);
+    let bone_count = layer.rig.skeleton.bones().len();
+    let halves = layer.association.blended_skin(&layer.rig).table(bone_count);
+    // Each vertex shares its bones with the one half the body away.
+    let count = layer.clothing_vertex_count();
+    let mut table = vec![0.0; halves.len()];
+    for (place, weight) in table.iter_mut().enumerate() {
+        *weight = 0.5 * (halves[place] + halves[(place + count / 2 * bone_count) % halves.len()]);
+    }
+    layer.association.spread_skin = Some(BlendedSkin::of_table(bone_count, &table));
+    a_player_sees_what_was_synthesized(&layer);
+}
+
+fn a_player_sees_what_was_synthesized(layer: &ClothingLayer) {
     let mut samples = SampleMatrix::new(3 * layer.clothing_vertex_count());
     for frame in 0..12 {
         samples.push(&layer.frame_offsets(frame).iter().copied().map(f64::from).collect::<Vec<_>>());
@@ -43,7 +62,7 @@ fn morph_targets_and_joints_give_the_synthesized_clothing() {
         before: Vec::new(),
         after: Vec::new(),
     };
-    let player = Player::open(&dressed_glb(&sequence, &layer, &space).unwrap());
+    let player = Player::open(&dressed_glb(&sequence, layer, &space).unwrap());
     let primitive = &player.root["meshes"][1]["primitives"][0];
     let attributes = &primitive["attributes"];
     let both = |name: &str| -> Vec<Vec<f64>> {

@@ -53,6 +53,8 @@ pub struct AssociationConfig {
     /// Smallest singular value of a blended transform (P3 Eq. 3): below it the blend cannot be undone safely. 0.2 keeps
     /// an error of the surface from growing more than fivefold in the offsets.
     pub smallest_stretch: f64,
+    /// How far the bone weights of loose cloth are evened out.
+    pub spreading: SpreadingConfig,
 }
 
 impl Default for AssociationConfig {
@@ -68,7 +70,30 @@ impl Default for AssociationConfig {
             body_vertices_per_clothing_vertex: 16,
             completion_rounds: 30,
             smallest_stretch: 0.2,
+            spreading: SpreadingConfig::default(),
         }
+    }
+}
+
+/// Settings of the bone weights of cloth that stands off the skin. Not in P3, whose widths are those of the diffusion.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SpreadingConfig {
+    /// Width over which weights are evened out, for each metre that the cloth stands off beyond `tight_clearance`. 0
+    /// leaves the weights as P3 Eq. 3 has them; with 2.5 and more a skirt hangs on the hips and its legs come through.
+    pub width_per_clearance: f64,
+    /// Mean distance from the skin up to which cloth counts as lying on it, and keeps its weights: the reach of P3's
+    /// diffusion.
+    pub tight_clearance: f64,
+    /// Implicit steps that the width is reached in: more of them make the transition rounder.
+    pub steps: usize,
+    /// Weights that are a smaller share of the vertex's heaviest one after evening out are dropped.
+    pub smallest_share: f64,
+}
+
+impl Default for SpreadingConfig {
+    fn default() -> Self {
+        Self { width_per_clearance: 1.5, tight_clearance: 0.03, steps: 2, smallest_share: 1e-3 }
     }
 }
 

@@ -7,6 +7,7 @@
 //! ```
 
 mod alignment;
+mod blend_spreading;
 mod completion;
 pub mod config;
 mod fuzzy_association;
@@ -22,13 +23,16 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 pub use alignment::{AlignedFrame, AlignedSequence, ClothingTemplate, align_clothing};
-pub use config::{AlignmentConfig, AssociationConfig, BlockedRays, DetailConfig, ExtractClothingConfig};
+pub use config::{
+    AlignmentConfig, AssociationConfig, BlockedRays, DetailConfig, ExtractClothingConfig, SpreadingConfig,
+};
 
 use crate::artifacts::clothing_layer::{
     AlignmentQuality, AssociationOrigin, ClothingAssociation, ClothingFrame, ClothingLayer,
 };
 use crate::artifacts::frames::FrameSource;
 use crate::artifacts::rigged_sequence::{FrameRate, RiggedSequence};
+use blend_spreading::{clearances, spread_bones};
 use completion::complete;
 use fuzzy_association::diffuse;
 use offsets::{FrameOffsets, Unposing};
@@ -80,8 +84,10 @@ pub enum ExtractClothingError {
         /// Vertices of the other layer.
         needed: usize,
     },
-    /// A frame's equations cannot be solved.
-    #[error("the alignment cannot be solved ({0})")]
+    /// The equations of a frame, or of the bone weights, cannot be solved.
+    #[error(
+        "the equations of the clothing cannot be solved ({0}); look for vertices that are not finite or far away"
+    )]
     Solve(#[from] SolveError),
     /// The observer asked to stop.
     #[error("stopped after {done} frames")]
@@ -220,6 +226,19 @@ fn check(config: &AssociationConfig) -> Result<(), ExtractClothingError> {
         if !(length > 0.0 && length.is_finite()) {
             return fail(setting, length.to_string(), "must be a positive length in metres");
         }
+    }
+    let spreading = &config.spreading;
+    for (setting, value) in [
+        ("association.spreading.width_per_clearance", spreading.width_per_clearance),
+        ("association.spreading.tight_clearance", spreading.tight_clearance),
+    ] {
+        if !(value >= 0.0 && value.is_finite()) {
+            return fail(setting, value.to_string(), "must be 0 or more");
+        }
+    }
+    let share = spreading.smallest_share;
+    if !(0.0..=1.0).contains(&share) {
+        return fail("association.spreading.smallest_share", share.to_string(), "must lie between 0 and 1");
     }
     Ok(())
 }
@@ -386,6 +405,7 @@ fn associate_frames(
             })
             .collect(),
         smallest_stretch: config.smallest_stretch,
+        spread_skin: None,
     };
     for entries in &slots {
         let first = entries.first().map_or(0, |(vertex, _)| *vertex);
@@ -395,6 +415,13 @@ fn associate_frames(
             association.weights.push(weight);
         }
     }
+    association.spread_skin = spread_bones(
+        &association.skin_of_body_vertices(&fit.rig),
+        fit.rig.skeleton.bones().len(),
+        template,
+        &clearances(&frames),
+        &config.spreading,
+    )?;
     Ok((association, pairs.len()))
 }
 

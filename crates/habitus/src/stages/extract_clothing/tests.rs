@@ -144,12 +144,79 @@ fn largest_jump_across_the_middle(layer: &ClothingLayer) -> f64 {
 fn a_skirt_has_a_seam_with_one_body_vertex_and_none_with_many() {
     let (fit, surfaces) = rigid_sequence(1, &skirt());
     let jump = |count: usize| {
-        let extracted = extract(&fit, &surfaces, |config| config.body_vertices_per_clothing_vertex = count);
+        let extracted = extract(&fit, &surfaces, |config| {
+            config.body_vertices_per_clothing_vertex = count;
+            config.spreading.width_per_clearance = 0.0;
+        });
         largest_jump_across_the_middle(&extracted.expect("extracts").layer)
     };
     assert!(jump(1) > 0.99, "one side hangs on the left leg alone, its neighbour on the right");
     // The columns are about a centimetre apart: the change is spread over the few that the diffusion reaches.
     assert!(jump(32) < 0.75, "{}", jump(32));
+}
+
+/// How much longer edges of the front and the back become when the legs part sideways by `angle` to each side: the edge
+/// that grows most, and the mean of all on the hem, in metres.
+fn openings_of_parted_legs(layer: &ClothingLayer, angle: f64) -> (f64, f64) {
+    let skin = layer.association.blended_skin(&layer.rig);
+    let anchors = layer.association.anchors(&layer.rest_vertices);
+    let posed = |angle: f64| {
+        let mut pose = vec![0.0; layer.rig.skeleton.pose_length()];
+        for (parameter, axis) in layer.rig.skeleton.axes().iter().enumerate() {
+            let side = match axis.bone {
+                1 => 1.0,
+                4 => -1.0,
+                _ => continue,
+            };
+            pose[6 + parameter] = side * angle * axis.direction.z;
+        }
+        let posed = layer.rig.skeleton.pose(&layer.rest_joints, &pose);
+        let carriers = skin.carriers(&anchors, &posed, layer.association.smallest_stretch);
+        crate::artifacts::clothing_layer::pose_offsets(&carriers, layer.frame_offsets(0))
+    };
+    let (before, after) = (posed(0.0), posed(angle));
+    let opening = |row: u32, column: u32| {
+        let [a, b] = [column, column + 1].map(|column| (row * AROUND + column % AROUND) as usize);
+        after[a].distance(after[b]) - before[a].distance(before[b])
+    };
+    let below = (DOWN / 3..=DOWN).flat_map(|row| (0..AROUND).map(move |column| (row, column)));
+    let largest = below.map(|(row, column)| opening(row, column)).fold(0.0, f64::max);
+    let hem = (0..AROUND).map(|column| opening(DOWN, column)).sum::<f64>() / f64::from(AROUND);
+    (largest, hem)
+}
+
+#[test]
+fn between_two_legs_a_skirt_opens_over_its_width_and_not_in_the_middle() {
+    let (fit, surfaces) = rigid_sequence(1, &skirt());
+    let openings = |change: fn(&mut SpreadingConfig)| {
+        let extracted = extract(&fit, &surfaces, |config| change(&mut config.spreading));
+        openings_of_parted_legs(&extracted.expect("extracts").layer, 0.3)
+    };
+    let (printed, of_printed_hem) = openings(|spreading| spreading.width_per_clearance = 0.0);
+    let (spread, of_hem) = openings(|_| ());
+    // An even spread over front and back would be twice the mean of the whole hem if its sides did not open at all.
+    assert!(printed > 20.0 * of_printed_hem, "{printed} m where {of_printed_hem} m would be even");
+    assert!(spread < 2.5 * of_hem, "{spread} m where {of_hem} m would be even");
+    // The skirt still follows the legs: it is not left hanging on the hips, where they would come through.
+    assert!(of_hem > 0.7 * of_printed_hem, "{of_hem} m instead of {of_printed_hem} m");
+}
+
+#[test]
+fn without_a_width_the_bone_weights_are_those_of_the_body_vertices() {
+    let (fit, surfaces) = rigid_sequence(2, &skirt());
+    let layer = |width: f64| {
+        let extracted = extract(&fit, &surfaces, |config| config.spreading.width_per_clearance = width);
+        extracted.expect("extracts").layer
+    };
+    let (printed, spread) = (layer(0.0), layer(1.5));
+    assert_eq!(printed.association.spread_skin, None);
+    assert_eq!(
+        printed.association.blended_skin(&fit.rig),
+        spread.association.skin_of_body_vertices(&fit.rig)
+    );
+    // Where the clothing hangs does not change, only what turns it.
+    assert_eq!(printed.association.body_vertices, spread.association.body_vertices);
+    assert!(spread.association.spread_skin.is_some());
 }
 
 #[test]
@@ -210,6 +277,10 @@ fn what_cannot_be_used_is_refused_or_left_out_by_name() {
     assert!(matches!(extract(&fit, &elsewhere, |_| {}), Err(ExtractClothingError::NoPair { .. })));
     let none = extract(&fit, &surfaces, |config| config.body_vertices_per_clothing_vertex = 0);
     assert!(matches!(none, Err(ExtractClothingError::Setting { .. })));
+    let none = extract(&fit, &surfaces, |config| config.spreading.smallest_share = 1.5);
+    assert!(none.is_err_and(|error| error.to_string().contains("smallest_share")));
+    let none = extract(&fit, &surfaces, |config| config.spreading.width_per_clearance = -1.0);
+    assert!(none.is_err_and(|error| error.to_string().contains("width_per_clearance")));
     let none = extract(&fit, &surfaces, |config| config.diffusion_radius = f64::NAN);
     assert!(none.is_err_and(|error| error.to_string().contains("diffusion_radius")));
 }
