@@ -556,11 +556,9 @@ pub struct CodeThresholds {
     /// Largest share of such samples among all. Hems and folds of a wide dress reach 4 % under a right body, an arm
     /// alone is 5 %.
     pub uncovered_limb_share: f64,
-    /// Distance from which a sample at the end of a limb, or as low as the soles, has no body in it.
-    pub tip_distance: f64,
-    /// Smallest share of all samples that such an end takes: half a foot.
-    pub uncovered_tip_share: f64,
-    /// Largest share of samples as low as the soles without a body within that distance: a third of what shows of feet.
+    /// Distance from which a sample as low as the soles has no foot near it.
+    pub sole_distance: f64,
+    /// Largest share of such samples among all: a third of what shows of feet.
     pub uncovered_sole_share: f64,
     /// How deep the bone of a forearm or a shank may lie inside the trunk.
     pub limb_depth: f64,
@@ -585,8 +583,7 @@ impl Default for CodeThresholds {
             missing_share: 0.6,
             limb_distance: 0.09,
             uncovered_limb_share: 0.06,
-            tip_distance: 0.12,
-            uncovered_tip_share: 0.003,
+            sole_distance: 0.12,
             uncovered_sole_share: 0.005,
             limb_depth: 0.02,
             jump_angle: 1.2,

@@ -57,7 +57,7 @@ pub(super) fn judge_frame(
     let spread_normals: Vec<DVec3> = normals.iter().step_by(SPREAD_STRIDE).copied().collect();
     let spread_bones: Vec<u8> = body.level.main_bones.iter().step_by(SPREAD_STRIDE).copied().collect();
     let uncovered = uncovered_share(capture, &spread, thresholds.uncovered_distance, |_| true);
-    let bare_soles = uncovered_sole_share(capture, &spread, thresholds.tip_distance, surface);
+    let bare_soles = uncovered_sole_share(capture, &spread, thresholds.sole_distance, surface);
     let are_soles_bare = bare_soles > thresholds.uncovered_sole_share;
     fire(uncovered > thresholds.uncovered_share || are_soles_bare, Code::CaptureNotCovered);
     fire(uncovered > FOREIGN_FACTOR * thresholds.uncovered_share, Code::ForeignObject);

@@ -18,7 +18,6 @@ mod orientation;
 mod paper2016;
 mod pose_solver;
 mod puppet;
-mod reclaim_limbs;
 mod refine_identity;
 mod smooth_motion;
 mod start_search;

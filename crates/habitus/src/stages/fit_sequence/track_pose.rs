@@ -32,8 +32,6 @@ pub(super) struct TrackedFrame {
     pub error: Option<String>,
     /// Whether the pose explains the frame well enough to vote on the identity.
     pub explains: bool,
-    /// Whether it was not followed from the frame before, but searched for because a limb had been lost.
-    pub is_found_again: bool,
 }
 
 impl TrackedFrame {
@@ -47,7 +45,6 @@ impl TrackedFrame {
             capture_scale: 1.0,
             error,
             explains: false,
-            is_found_again: false,
         }
     }
 
@@ -109,7 +106,6 @@ impl Stage<'_> {
         };
         progress(observer, "start", 1, 1)?;
         self.track(&started, &mut frames, journal, observer)?;
-        self.track_back(&started, &mut frames)?;
         let width = started.identity.len();
         Ok(Track {
             orientation: started.orientation,
@@ -161,7 +157,6 @@ impl Stage<'_> {
         for frame in first_frame..last {
             if let Ok(capture) = captures.load(frame) {
                 let solution = self.track_frame(&solver, &capture, &mut recent)?;
-                let solution = self.reclaim_limbs(&solver, &capture, solution)?;
                 energies.push((poses.len(), solution.energy));
                 recent.push(solution.pose);
             }
@@ -204,7 +199,7 @@ impl Stage<'_> {
     }
 
     /// Fits one frame from the prediction of the poses before it.
-    pub(super) fn track_frame(
+    fn track_frame(
         &self,
         solver: &PoseSolver<'_>,
         capture: &CapturedFrame,
@@ -277,16 +272,13 @@ impl Stage<'_> {
             }
         };
         let mut solution = self.track_frame(solver, &capture, &mut recent)?;
-        let followed = solution.pose.clone();
         let usual = usual_energy(frames);
         if self.is_suspicious(&solution, usual) {
             solution = self.restart(solver, search, &capture, recent.last(), solution)?;
         }
-        solution = self.reclaim_limbs(solver, &capture, solution)?;
         let explains = !self.is_suspicious(&solution, usual);
         Ok(TrackedFrame {
             explains,
-            is_found_again: solution.pose != followed,
             pose: solution.pose,
             energy: solution.energy,
             inlier_share: solution.inlier_share,
@@ -296,7 +288,7 @@ impl Stage<'_> {
         })
     }
 
-    pub(super) fn is_suspicious(&self, solution: &PoseSolution, usual: Option<f64>) -> bool {
+    fn is_suspicious(&self, solution: &PoseSolution, usual: Option<f64>) -> bool {
         solution.inlier_share < self.config.codes.inlier_share
             || solution.has_lost_a_limb
             || usual.is_some_and(|usual| solution.energy > SUSPICIOUS_RATIO * usual)
@@ -334,7 +326,7 @@ impl Stage<'_> {
 const TELEPORT: f64 = 0.4;
 
 /// The last poses, from which the next is predicted.
-pub(super) struct Recent {
+struct Recent {
     poses: Vec<Vec<f64>>,
     middle: Option<DVec3>,
 }
@@ -348,13 +340,6 @@ impl Recent {
         let last_two = frames.iter().skip(frames.len().saturating_sub(2));
         let middle = frames.iter().rev().find(|frame| frame.error.is_none()).map(|frame| frame.middle);
         Self { poses: last_two.map(|frame| frame.pose.clone()).collect(), middle }
-    }
-
-    /// The two poses after a frame, for tracking back in time.
-    pub(super) fn of_frames_after(frames: &[TrackedFrame], frame: usize) -> Self {
-        let next_two = frames[frame + 1..].iter().take(2).rev();
-        let middle = frames[frame + 1..].iter().find(|frame| frame.error.is_none()).map(|frame| frame.middle);
-        Self { poses: next_two.map(|frame| frame.pose.clone()).collect(), middle }
     }
 
     fn last(&self) -> &[f64] {
@@ -386,7 +371,7 @@ impl Recent {
 const INITIAL_SPREAD: usize = 8;
 
 /// The lower quartile over all trusted frames: a run of frames that drift off together must not become what is usual.
-pub(super) fn usual_energy(frames: &[TrackedFrame]) -> Option<f64> {
+fn usual_energy(frames: &[TrackedFrame]) -> Option<f64> {
     let mut energies: Vec<f64> =
         frames.iter().filter(|frame| frame.is_trusted()).map(|frame| frame.energy).collect();
     energies.sort_by(f64::total_cmp);
