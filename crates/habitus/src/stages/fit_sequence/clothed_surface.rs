@@ -107,6 +107,19 @@ pub(super) fn is_extremity_missing(
     })
 }
 
+/// The pair that draws a body vertex to a sample of the capture.
+fn pair_with_sample(sample: &CaptureSample, vertex: usize, position: DVec3, weight: f64) -> Correspondence {
+    let signed_distance = (position - sample.position).dot(sample.normal);
+    Correspondence {
+        vertex: vertex as u32,
+        target: sample.position,
+        normal: sample.normal,
+        is_outside: signed_distance > 0.0,
+        signed_distance,
+        weight,
+    }
+}
+
 /// Pairs from capture samples to their nearest body vertices, robustly weighted; they pull limbs into parts of the
 /// capture that no vertex has found. Returns the pairs and the mean robust energy per sample.
 pub(super) fn capture_pairs(
@@ -128,15 +141,8 @@ pub(super) fn capture_pairs(
             let faces_sample = |vertex: usize| normals[vertex].dot(sample.normal) > 0.0;
             let (vertex, squared) = grid.nearest_where(sample.position, faces_sample)?;
             energy += sample.weight() * robust_energy(squared, scale);
-            let signed_distance = (vertices[vertex] - sample.position).dot(sample.normal);
-            Some(Correspondence {
-                vertex: vertex as u32,
-                target: sample.position,
-                normal: sample.normal,
-                is_outside: signed_distance > 0.0,
-                signed_distance,
-                weight: share * sample.weight() * robust_weight(squared, scale),
-            })
+            let weight = share * sample.weight() * robust_weight(squared, scale);
+            Some(pair_with_sample(sample, vertex, vertices[vertex], weight))
         })
         .collect();
     (pairs, energy / weight_sum)
@@ -175,18 +181,12 @@ pub(super) fn bare_capture_pairs(
         .filter_map(|sample| {
             let faces_sample = |vertex: usize| normals[vertex].dot(sample.normal) > 0.0;
             let (vertex, squared) = grid.nearest_where(sample.position, faces_sample)?;
-            let signed_distance = (vertices[vertex] - sample.position).dot(sample.normal);
+            let weight = share * robust_weight(squared, config.bare_scale);
+            let pair = pair_with_sample(sample, vertex, vertices[vertex], weight);
             let is_pulled = level.parts[vertex].is_bare()
-                && signed_distance < 0.0
+                && pair.signed_distance < 0.0
                 && normals[vertex].dot(sample.normal) >= smallest_cosine;
-            is_pulled.then(|| Correspondence {
-                vertex: vertex as u32,
-                target: sample.position,
-                normal: sample.normal,
-                is_outside: false,
-                signed_distance,
-                weight: share * robust_weight(squared, config.bare_scale),
-            })
+            is_pulled.then_some(pair)
         })
         .collect()
 }
@@ -199,27 +199,25 @@ pub(super) fn sole_pairs(
     vertices: &[DVec3],
     config: &SurfaceConfig,
 ) -> Vec<Correspondence> {
-    let sole = frame.bounds[0].y + config.sole_height;
     let share = config.sole_weight * vertices.len() as f64 / frame.samples.len().max(1) as f64;
     let grid = PointGrid::new(vertices);
     let is_foot = |vertex: usize| level.parts[vertex] == PartLabel::Foot;
     frame
         .samples
         .iter()
-        .filter(|sample| sample.position.y < sole)
+        .filter(|sample| is_as_low_as_soles(sample, frame, config))
         .filter_map(|sample| {
             let (vertex, squared) = grid.nearest_where(sample.position, is_foot)?;
+            let weight = share * robust_weight(squared, config.sole_scale);
             // Nearer ones are held as bare parts are; shoes are thicker than feet.
-            (squared > config.bare_scale * config.bare_scale).then(|| Correspondence {
-                vertex: vertex as u32,
-                target: sample.position,
-                normal: sample.normal,
-                is_outside: false,
-                signed_distance: (vertices[vertex] - sample.position).dot(sample.normal),
-                weight: share * robust_weight(squared, config.sole_scale),
-            })
+            (squared > config.bare_scale * config.bare_scale)
+                .then(|| pair_with_sample(sample, vertex, vertices[vertex], weight))
         })
         .collect()
+}
+
+fn is_as_low_as_soles(sample: &CaptureSample, frame: &CapturedFrame, config: &SurfaceConfig) -> bool {
+    sample.position.y < frame.bounds[0].y + config.sole_height
 }
 
 /// Share of all samples that look like a limb and have no body within `distance`: a limb that has gone astray.
@@ -235,8 +233,7 @@ pub(super) fn uncovered_sole_share(
     distance: f64,
     config: &SurfaceConfig,
 ) -> f64 {
-    let sole = frame.bounds[0].y + config.sole_height;
-    uncovered_share(frame, vertices, distance, |sample| sample.position.y < sole)
+    uncovered_share(frame, vertices, distance, |sample| is_as_low_as_soles(sample, frame, config))
 }
 
 /// Share of all samples that are of a kind and have no body within `distance`.
