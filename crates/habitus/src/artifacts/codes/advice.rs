@@ -66,9 +66,10 @@ impl Code {
             Self::TooFewInliers | Self::BodyOutsideCapture => {
                 "look at the frame in the report; give landmarks for it with --landmarks"
             }
-            Self::CaptureNotCovered | Self::ForeignObject => {
-                "remove floor, objects and other people from the capture; look whether the feet stand where its lowest parts are"
+            Self::CaptureNotCovered => {
+                "remove floor, objects and other people from the capture, and look whether its feet have feet in them"
             }
+            Self::ForeignObject => "remove floor, objects and other people from the capture",
             Self::BodyNotCovered => "look whether the capture misses head or feet; trust those parts less",
             Self::JointAtLimit => "look at the frame in the report",
             Self::AmbiguousStart => "check front and back in the report; give landmarks for the first frame",

@@ -556,7 +556,7 @@ pub struct CodeThresholds {
     /// Largest share of such samples among all. Hems and folds of a wide dress reach 4 % under a right body, an arm
     /// alone is 5 %.
     pub uncovered_limb_share: f64,
-    /// Distance from which a sample as low as the soles has no foot near it.
+    /// Distance from which a sample as low as the soles has no body near it.
     pub sole_distance: f64,
     /// Largest share of such samples among all: a third of what shows of feet.
     pub uncovered_sole_share: f64,
