@@ -10,7 +10,7 @@ use habitus::artifacts::journal::Journal;
 use habitus::body::BodyModel;
 use habitus::optimize::Silent;
 use habitus::stages::fit_sequence::{FitSequenceConfig, fit_sequence};
-use habitus::stages::measure::{Definitions, measure_identity};
+use habitus::stages::measure::{Definitions, measure_with_uncertainty};
 use habitus_synthetic::sequence::{DressedSequenceSettings, generate};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -37,7 +37,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // The curvature of the energy tells how sure the identity is, and so each measure.
     let definitions = Definitions::standard()?;
     let measurements =
-        measure_identity(&model, &fitted.identity, Some(&fitted.identity_covariance), &definitions)?;
+        measure_with_uncertainty(&model, &fitted.rest_vertices, &fitted.identity_covariance, &definitions)?;
     for measurement in measurements.iter().take(5) {
         let plus_minus = measurement.plus_minus.unwrap_or(0.0);
         println!("{}: {:.3} ± {plus_minus:.3} m", measurement.name, measurement.value);

@@ -7,7 +7,7 @@ use clap::Args;
 use habitus::artifacts::measurements::{Measurement, write_measurements};
 use habitus::artifacts::sequence_files::FitFileError;
 use habitus::body::BodyModel;
-use habitus::pipeline::{RunError, measure_fit, measure_stored_fit, read_stored_fit};
+use habitus::pipeline::{RunError, measure_rest_body, measure_stored_fit, read_stored_fit};
 
 use crate::Outcome;
 use crate::console::Console;
@@ -53,7 +53,7 @@ pub fn run(arguments: &MeasureArguments, console: &Console) -> anyhow::Result<Ou
                 Some(path) => read_identity(path, model.component_count())?,
                 None => vec![0.0; model.component_count()],
             };
-            measure_fit(&model, &identity, None)?
+            measure_rest_body(&model, &model.rest_vertices(&identity))?
         }
         Err(error) => return Err(error.into()),
     };

@@ -54,8 +54,8 @@ pub use registered_run::{
 };
 pub use run_folder::{RunFolder, RunFolderError, StageFolder, StageName};
 pub use sequence_run::{
-    MeasuredFit, RunError, SequenceInput, SequenceRun, file_names, measure_fit, measure_rest_body,
-    measure_stored_fit, read_stored_fit,
+    MeasuredFit, RunError, SequenceInput, SequenceRun, file_names, measure_rest_body, measure_stored_fit,
+    read_stored_fit,
 };
 pub use shape_space_evaluation::{
     EvaluateSpaceError, EvaluationScope, NamedFitError, NamedQuality, ShapeSpaceMetrics, evaluate_run,

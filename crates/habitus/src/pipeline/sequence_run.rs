@@ -11,6 +11,7 @@ use thiserror::Error;
 use super::input_key::InputKey;
 use super::run_folder::{RunFolder, RunFolderError, StageFolder, StageName};
 use super::user_landmarks::LandmarkFileError;
+use crate::artifacts::fitted_sequence::FittedSequence;
 use crate::artifacts::frames::{FrameError, FrameSource};
 use crate::artifacts::measurements::{Measurement, write_measurements};
 use crate::artifacts::provenance::{InputFile, Provenance, ProvenanceError};
@@ -19,7 +20,9 @@ use crate::artifacts::sequence_files::{FitFileError, read_fit, write_fit, write_
 use crate::artifacts::skinned_glb::{SkinnedGlbError, write_skinned_glb};
 use crate::body::{BodyModel, ModelFileError};
 use crate::stages::fit_sequence::{FitSequenceConfig, FitSequenceError, UserLandmark, fit_sequence};
-use crate::stages::measure::{Definitions, DefinitionsError, MeasureError, measure, measure_identity};
+use crate::stages::measure::{
+    Definitions, DefinitionsError, MeasureError, measure, measure_with_uncertainty,
+};
 
 /// Why a run fails.
 #[derive(Debug, Error)]
@@ -190,7 +193,7 @@ impl<'a> SequenceRun<'a> {
             .iter_mut()
             .filter(|value| !value.is_finite())
             .for_each(|value| *value = 0.0);
-        let measurements = measure_fit(input.model, &sequence.identity, Some(&sequence.identity_covariance))?;
+        let measurements = measure_fit(input.model, &sequence)?;
         Ok(MeasuredFit { fit: RiggedSequence { sequence, rig: Rig::of(input.model) }, measurements })
     }
 
@@ -219,13 +222,10 @@ pub(super) fn input_file(path: &Path) -> InputFile {
 }
 
 /// Takes all standard measurements that the model has the names for.
-pub fn measure_fit(
-    model: &BodyModel,
-    identity: &[f64],
-    covariance: Option<&nalgebra::DMatrix<f64>>,
-) -> Result<Vec<Measurement>, RunError> {
+fn measure_fit(model: &BodyModel, sequence: &FittedSequence) -> Result<Vec<Measurement>, RunError> {
     let (definitions, _) = Definitions::standard()?.available_in(model);
-    Ok(measure_identity(model, identity, covariance, &definitions)?)
+    let covariance = &sequence.identity_covariance;
+    Ok(measure_with_uncertainty(model, &sequence.rest_vertices, covariance, &definitions)?)
 }
 
 /// Measures the body of a fit that was read from its file; `model` must be the one that it was fitted with.
@@ -237,7 +237,7 @@ pub fn measure_stored_fit(model: &BodyModel, fit: &RiggedSequence) -> Result<Vec
             found: model.metadata().name.clone(),
         });
     }
-    measure_fit(model, &fit.sequence.identity, Some(&fit.sequence.identity_covariance))
+    measure_fit(model, &fit.sequence)
 }
 
 /// Takes the same measurements of a rest body that need not lie in the model's space; vertices in metres.

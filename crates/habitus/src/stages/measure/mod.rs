@@ -66,14 +66,14 @@ pub enum MeasureError {
         /// The measurement.
         measurement: String,
     },
-    /// The covariance does not fit the identity.
-    #[error("the covariance is {rows} × {columns}, the identity has {components} components")]
+    /// The covariance does not fit the model.
+    #[error("the covariance is {rows} × {columns}, the model has {components} components")]
     WrongCovariance {
         /// Rows of the covariance.
         rows: usize,
         /// Columns of the covariance.
         columns: usize,
-        /// Components of the identity.
+        /// Components of the model.
         components: usize,
     },
 }
@@ -113,20 +113,18 @@ pub fn measure(
         .collect()
 }
 
-/// Measures the body of an identity; with a covariance of its coefficients' errors (in standard deviations of the
-/// population, squared) each value gets its ± of one standard deviation.
-pub fn measure_identity(
+/// Measures a body as [`measure`] does, and with the covariance of the errors of its first identity coefficients (in
+/// standard deviations of the population, squared) each value gets its ± of one standard deviation.
+pub fn measure_with_uncertainty(
     model: &BodyModel,
-    identity: &[f64],
-    identity_covariance: Option<&DMatrix<f64>>,
+    rest_vertices: &[DVec3],
+    identity_covariance: &DMatrix<f64>,
     definitions: &Definitions,
 ) -> Result<Vec<Measurement>, MeasureError> {
-    let mut measurements = measure(model, &model.rest_vertices(identity), definitions)?;
-    if let Some(covariance) = identity_covariance {
-        let plus_minus = measurement_uncertainty(model, identity, covariance, definitions)?;
-        for (measurement, plus_minus) in measurements.iter_mut().zip(plus_minus) {
-            measurement.plus_minus = Some(plus_minus);
-        }
+    let mut measurements = measure(model, rest_vertices, definitions)?;
+    let plus_minus = measurement_uncertainty(model, rest_vertices, identity_covariance, definitions)?;
+    for (measurement, plus_minus) in measurements.iter_mut().zip(plus_minus) {
+        measurement.plus_minus = Some(plus_minus);
     }
     Ok(measurements)
 }
@@ -136,31 +134,28 @@ pub fn measure_identity(
 /// order.
 pub fn measurement_uncertainty(
     model: &BodyModel,
-    identity: &[f64],
+    rest_vertices: &[DVec3],
     covariance: &DMatrix<f64>,
     definitions: &Definitions,
 ) -> Result<Vec<f64>, MeasureError> {
-    let component_count = identity.len();
-    if covariance.shape() != (component_count, component_count) {
+    let component_count = covariance.nrows();
+    if !covariance.is_square() || component_count > model.component_count() {
         let (rows, columns) = covariance.shape();
-        return Err(MeasureError::WrongCovariance { rows, columns, components: component_count });
+        return Err(MeasureError::WrongCovariance { rows, columns, components: model.component_count() });
     }
     let bound: Vec<BoundDefinition<'_>> = definitions
         .measurements
         .iter()
         .map(|definition| BoundDefinition::new(definition, model))
         .collect::<Result<_, _>>()?;
-    let rest_vertices = model.rest_vertices(identity);
-    check_vertices(model, &rest_vertices)?;
-    let body = RestBody { vertices: &rest_vertices, joints: model.joints(&rest_vertices) };
+    check_vertices(model, rest_vertices)?;
+    let body = RestBody { vertices: rest_vertices, joints: model.joints(rest_vertices) };
     let levels: Vec<Option<f64>> = bound
         .iter()
         .map(|definition| definition.take(&body, None).map(|taken| taken.level))
         .collect::<Result<_, _>>()?;
     let values_at = |component: usize, shift: f64| -> Result<Vec<f64>, MeasureError> {
-        let mut changed = identity.to_vec();
-        changed[component] += shift;
-        let vertices = model.rest_vertices(&changed);
+        let vertices = shifted(model, rest_vertices, component, shift);
         let body = RestBody { vertices: &vertices, joints: model.joints(&vertices) };
         bound
             .iter()
@@ -182,6 +177,16 @@ pub fn measurement_uncertainty(
             gradient.dot(&(covariance * &gradient)).max(0.0).sqrt()
         })
         .collect())
+}
+
+/// The body with one coefficient changed; the space is linear.
+fn shifted(model: &BodyModel, rest_vertices: &[DVec3], component: usize, shift: f64) -> Vec<DVec3> {
+    let width = model.component_count();
+    let direction = |vertex: usize| {
+        let rows = model.surface().vertex_basis(vertex);
+        DVec3::from_array([0, 1, 2].map(|axis| f64::from(rows[axis * width + component])))
+    };
+    rest_vertices.iter().enumerate().map(|(vertex, place)| *place + direction(vertex) * shift).collect()
 }
 
 fn measurement(bound: &BoundDefinition<'_>, taken: method::Taken) -> Measurement {

@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 
 use super::cross_section::{polyline_length, taut_tape};
 use super::{
-    Definitions, DefinitionsError, MeasureError, measure, measure_identity, measurement_uncertainty,
+    Definitions, DefinitionsError, MeasureError, measure, measure_with_uncertainty, measurement_uncertainty,
 };
 use crate::artifacts::measurements::{Measurement, Quantity};
 use crate::body::{BodyModel, fixture};
@@ -272,7 +272,9 @@ fn uncertainty_is_the_spread_of_measures_over_sampled_identities() {
         if row == column { 0.1 + 0.02 * row as f64 } else { 0.03 * ((row * 3 + column) as f64).sin() }
     });
     let covariance = &factor * factor.transpose();
-    let predicted = measurement_uncertainty(&model, &identity, &covariance, &definitions()).unwrap();
+    let predicted =
+        measurement_uncertainty(&model, &model.rest_vertices(&identity), &covariance, &definitions());
+    let predicted = predicted.unwrap();
     // Antithetic unit directions through the factor: their spread is the covariance exactly.
     let mut sums = vec![0.0; predicted.len()];
     for column in 0..6 {
@@ -292,14 +294,31 @@ fn uncertainty_is_the_spread_of_measures_over_sampled_identities() {
 }
 
 #[test]
-fn an_identity_without_covariance_has_no_plus_minus() {
+fn a_body_without_covariance_has_no_plus_minus() {
     let model = fixture::model();
-    let measurements = measure_identity(&model, &[0.1], None, &definitions()).unwrap();
+    let body = model.rest_vertices(&[0.1]);
+    let measurements = measure(&model, &body, &definitions()).unwrap();
     assert!(measurements.iter().all(|measurement| measurement.plus_minus.is_none()));
-    let wrong = measure_identity(&model, &[0.1], Some(&DMatrix::identity(2, 2)), &definitions());
-    assert_eq!(wrong, Err(MeasureError::WrongCovariance { rows: 2, columns: 2, components: 1 }));
-    let known = measure_identity(&model, &[0.1], Some(&DMatrix::zeros(1, 1)), &definitions()).unwrap();
+    let too_many = model.component_count() + 1;
+    let wrong =
+        measure_with_uncertainty(&model, &body, &DMatrix::identity(too_many, too_many), &definitions());
+    let components = model.component_count();
+    assert_eq!(wrong, Err(MeasureError::WrongCovariance { rows: too_many, columns: too_many, components }));
+    let known = measure_with_uncertainty(&model, &body, &DMatrix::zeros(1, 1), &definitions()).unwrap();
     assert!(known.iter().all(|measurement| measurement.plus_minus == Some(0.0)));
+}
+
+#[test]
+fn a_body_beyond_the_space_is_measured_as_it_is() {
+    let model = fixture::model();
+    let larger: Vec<DVec3> = model.mean_vertices().iter().map(|vertex| *vertex * 1.1).collect();
+    let covariance = DMatrix::from_diagonal_element(2, 2, 0.01);
+    let [mean, grown] = [model.mean_vertices(), &larger]
+        .map(|body| measure_with_uncertainty(&model, body, &covariance, &definitions()).unwrap());
+    for (mean, grown) in mean.iter().zip(&grown).filter(|(mean, _)| mean.quantity == Quantity::Length) {
+        // Lengths and girths grow by the scale; a searched girth may find another level nearby.
+        assert!((grown.value / mean.value - 1.1).abs() < 0.01, "{}", mean.name);
+    }
 }
 
 #[test]
@@ -373,9 +392,9 @@ fn unusable_definitions_are_refused_by_name() {
 fn the_standard_set_measures_the_default_space() {
     let model = BodyModel::default_space().unwrap();
     let standard = Definitions::standard().unwrap();
-    let identity = vec![0.0; model.component_count()];
-    let covariance = DMatrix::from_diagonal_element(identity.len(), identity.len(), 0.01);
-    let mean = measure_identity(&model, &identity, Some(&covariance), &standard).unwrap();
+    let components = model.component_count();
+    let covariance = DMatrix::from_diagonal_element(components, components, 0.01);
+    let mean = measure_with_uncertainty(&model, model.mean_vertices(), &covariance, &standard).unwrap();
     let stature = value(&mean, "stature");
     for measurement in &mean {
         let value_here = measurement.value;
