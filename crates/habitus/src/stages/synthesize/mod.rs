@@ -119,7 +119,8 @@ impl Motion {
     }
 }
 
-/// P3 §5.1, change of body: the same clothes over another identity of the body model.
+/// P3 §5.1, change of body: the same clothes over another identity of the body model. What the body has beyond the space,
+/// as after a fit with local shapes, it keeps.
 pub fn change_body(
     dressed: &ClothingLayer,
     model: &BodyModel,
@@ -132,7 +133,10 @@ pub fn change_body(
     }
     let mut changed = dressed.clone();
     changed.identity = identity.to_vec();
-    changed.rest_vertices = model.rest_vertices(identity);
+    let [before, after] = [&dressed.identity[..], identity].map(|identity| model.rest_vertices(identity));
+    for (vertex, (before, after)) in changed.rest_vertices.iter_mut().zip(before.iter().zip(&after)) {
+        *vertex += *after - *before;
+    }
     changed.rest_joints = model.joints(&changed.rest_vertices);
     Ok(changed)
 }

@@ -53,6 +53,22 @@ fn another_identity_carries_the_clothing_with_it() {
     }
 }
 
+#[test]
+fn what_a_body_has_beyond_the_space_stays_with_another_identity() {
+    let layer = moving_layer(2, 0.0);
+    let model = fixture::model();
+    let mut larger = layer.identity.clone();
+    larger[0] += 2.0;
+    let detail = DVec3::new(0.0, 0.01, 0.02);
+    let mut detailed = layer.clone();
+    detailed.rest_vertices[5] += detail;
+    let [plain, detailed] = [&layer, &detailed].map(|layer| change_body(layer, &model, &larger).unwrap());
+    for (vertex, (plain, detailed)) in plain.rest_vertices.iter().zip(&detailed.rest_vertices).enumerate() {
+        let expected = if vertex == 5 { detail } else { DVec3::ZERO };
+        assert!((*detailed - *plain).distance(expected) < 1e-12, "vertex {vertex}");
+    }
+}
+
 /// A model of three widths of the second skin.
 fn model_of_widths() -> ClothingModel {
     let widths = [0.0, 0.01, 0.02];
