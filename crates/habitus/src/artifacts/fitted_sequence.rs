@@ -118,9 +118,9 @@ pub struct FittedSequence {
     pub identity: Vec<f64>,
     /// Covariance of the coefficients' errors, from the curvature of the energy, in the same unit squared.
     pub identity_covariance: DMatrix<f64>,
-    /// Rest vertices of the identity in model space, metres.
+    /// Rest vertices in model space, metres: the identity's, and what local shapes add to it.
     pub rest_vertices: Vec<DVec3>,
-    /// Rest joints of the identity in model space, metres.
+    /// Rest joints in model space, metres.
     pub rest_joints: Vec<DVec3>,
     /// How the first pose was found; none for sequences that no search has started.
     pub start: Option<StartReport>,

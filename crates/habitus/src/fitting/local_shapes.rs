@@ -50,8 +50,13 @@ const WINDOW_END: f64 = 2.5;
 /// Vertices by which the directions of a window are found.
 const DIRECTION_VERTICES: usize = 1500;
 
-/// The model's surface with local shapes behind its own components; `order` are vertices spread ever more densely.
-pub(super) fn with_local_shapes(model: &BodyModel, order: &[u32], config: &LocalShapeConfig) -> BodySurface {
+/// The model's surface with local shapes behind its first `own` components; `order` are vertices spread ever more densely.
+pub(crate) fn with_local_shapes(
+    model: &BodyModel,
+    own: usize,
+    order: &[u32],
+    config: &LocalShapeConfig,
+) -> BodySurface {
     let mean = model.mean_vertices();
     let centres = &order[..config.centres.min(order.len())];
     let windows: Vec<Vec<f64>> = centres
@@ -83,7 +88,7 @@ pub(super) fn with_local_shapes(model: &BodyModel, order: &[u32], config: &Local
         }
     }
     let joints = directions.iter().map(|direction| model.joints(direction)).collect();
-    model.surface().with_components(&directions, joints)
+    model.surface().truncated(own).with_components(&directions, joints)
 }
 
 /// A Gaussian about a point that is lowered to end at a finite distance, one in the middle.
@@ -186,7 +191,7 @@ mod tests {
             space_share: 1.0,
             space_directions_up_to: own,
         };
-        let surface = with_local_shapes(&model, &order, &config);
+        let surface = with_local_shapes(&model, model.component_count(), &order, &config);
         assert_eq!(surface.component_count(), own + 40 * own);
         let shares = LocalSpace::new(&model, &order).shares;
         let limit = shares.iter().copied().fold(1.0, f64::min);
@@ -202,7 +207,7 @@ mod tests {
         let model = fixture::model();
         let order = farthest_points(model.mean_vertices(), 30);
         let config = LocalShapeConfig { centres: 5, radius_mm: 60.0, ..LocalShapeConfig::default() };
-        let surface = with_local_shapes(&model, &order, &config);
+        let surface = with_local_shapes(&model, model.component_count(), &order, &config);
         let own = model.component_count();
         let per_centre = (surface.component_count() - own) / 5;
         assert_eq!(per_centre, config.space_directions.min(own) + 3);
@@ -223,7 +228,7 @@ mod tests {
         let order = farthest_points(model.mean_vertices(), 30);
         let config =
             LocalShapeConfig { centres: 4, space_directions_up_to: 0, ..LocalShapeConfig::default() };
-        let surface = with_local_shapes(&model, &order, &config);
+        let surface = with_local_shapes(&model, model.component_count(), &order, &config);
         assert_eq!(surface.component_count(), model.component_count() + 12);
     }
 }

@@ -117,7 +117,7 @@ impl<'a> ModelFitter<'a> {
     pub fn new(model: &'a BodyModel, config: &'a ModelFitConfig, landmark_vertices: &[u32]) -> Self {
         let most = config.levels.iter().map(|level| level.vertex_count).max().unwrap_or(0);
         let order = farthest_points(model.mean_vertices(), most.max(config.local.centres));
-        let surface = with_local_shapes(model, &order, &config.local);
+        let surface = with_local_shapes(model, model.component_count(), &order, &config.local);
         let mut landmark_vertices = landmark_vertices.to_vec();
         landmark_vertices.sort_unstable();
         landmark_vertices.dedup();

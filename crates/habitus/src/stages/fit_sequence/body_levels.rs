@@ -4,7 +4,7 @@ use glam::DVec3;
 use habitus_geometry::{farthest_points, vertex_normals};
 
 use crate::body::{BodyModel, BodySurface, PartLabel, PosedSkeleton};
-use crate::fitting::deformers::BodyParameters;
+use crate::fitting::deformers::{BodyParameters, FreeParameters};
 
 /// Some vertices of the model.
 pub(super) struct BodyLevel {
@@ -22,8 +22,13 @@ pub(super) struct BodyLevel {
 
 impl BodyLevel {
     fn new(model: &BodyModel, vertices: Vec<u32>, components: usize) -> Self {
+        Self::of_surface(model, &model.surface().truncated(components), vertices)
+    }
+
+    /// Some vertices of a surface that moves the model's vertices.
+    fn of_surface(model: &BodyModel, surface: &BodySurface, vertices: Vec<u32>) -> Self {
         let parts = vertices.iter().map(|v| model.part_labels()[*v as usize]).collect();
-        let surface = model.surface().truncated(components).subset(&vertices);
+        let surface = surface.subset(&vertices);
         let extremities = extremities(model, &vertices);
         let main_bone = |vertex: usize| {
             let heaviest = surface.skin().of(vertex).max_by(|a, b| a.1.total_cmp(&b.1));
@@ -36,6 +41,11 @@ impl BodyLevel {
     /// All vertices.
     pub fn full(model: &BodyModel, components: usize) -> Self {
         Self::new(model, (0..model.vertex_count() as u32).collect(), components)
+    }
+
+    /// The vertices of another level, moved by a surface of more components.
+    pub fn with_surface(&self, model: &BodyModel, surface: &BodySurface) -> Self {
+        Self::of_surface(model, surface, self.vertices.clone())
     }
 
     /// About `count` vertices, evenly spread over the mean body, and the landmarks.
@@ -66,10 +76,37 @@ fn extremities(model: &BodyModel, vertices: &[u32]) -> Vec<Vec<u32>> {
     parts
 }
 
+/// A person at rest, of the space or of a surface with more components.
+#[derive(Clone, Debug)]
+pub(super) struct RestBody {
+    /// Coefficients in standard deviations; those of the space come first.
+    pub coefficients: Vec<f64>,
+    /// All vertices, metres.
+    pub vertices: Vec<DVec3>,
+    /// Joints, metres.
+    pub joints: Vec<DVec3>,
+}
+
+impl RestBody {
+    /// A person of the space.
+    pub fn of_space(model: &BodyModel, identity: &[f64]) -> Self {
+        Self::of_surface(model.surface(), identity)
+    }
+
+    /// A person of a surface that has all vertices; missing coefficients are zero.
+    pub fn of_surface(surface: &BodySurface, coefficients: &[f64]) -> Self {
+        Self {
+            coefficients: coefficients.to_vec(),
+            vertices: surface.rest_vertices(coefficients),
+            joints: surface.rest_joints(coefficients),
+        }
+    }
+}
+
 /// An identity at one level: what stays the same over poses.
 pub(super) struct PreparedIdentity<'a> {
     pub level: &'a BodyLevel,
-    pub identity: Vec<f64>,
+    pub coefficients: Vec<f64>,
     pub rest: Vec<DVec3>,
     pub rest_normals: Vec<DVec3>,
     pub joints: Vec<DVec3>,
@@ -77,18 +114,24 @@ pub(super) struct PreparedIdentity<'a> {
 }
 
 impl<'a> PreparedIdentity<'a> {
+    /// A person of the space.
     pub fn new(model: &BodyModel, level: &'a BodyLevel, identity: &[f64]) -> Self {
-        let all_rest = model.rest_vertices(identity);
-        let all_normals = vertex_normals(&all_rest, model.faces());
-        let rest = level.vertices.iter().map(|v| all_rest[*v as usize]).collect();
+        Self::of_body(model, level, &RestBody::of_space(model, identity))
+    }
+
+    /// Any person.
+    pub fn of_body(model: &BodyModel, level: &'a BodyLevel, body: &RestBody) -> Self {
+        let all_normals = vertex_normals(&body.vertices, model.faces());
+        let rest: Vec<DVec3> = level.vertices.iter().map(|v| body.vertices[*v as usize]).collect();
         let rest_normals = level.vertices.iter().map(|v| all_normals[*v as usize]).collect();
+        let free = FreeParameters::Pose { rest: rest.clone(), joints: body.joints.clone() };
         Self {
             level,
-            identity: identity.to_vec(),
+            coefficients: body.coefficients.clone(),
             rest,
             rest_normals,
-            joints: level.surface.rest_joints(identity),
-            deformer: BodyParameters::of_pose(&level.surface, identity),
+            joints: body.joints.clone(),
+            deformer: BodyParameters::new(&level.surface, free),
         }
     }
 

@@ -78,6 +78,7 @@ impl Stage<'_> {
         let mut track = Track {
             orientation,
             covariance: DMatrix::identity(self.component_count, self.component_count),
+            body: None,
             identity,
             frames: Vec::new(),
             rival_ratio,

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 pub use crate::artifacts::fitted_sequence::StartMethod;
 use crate::fitting::correspondence::CompatibilityRules;
+use crate::fitting::local_shapes::LocalShapeConfig;
 use crate::fitting::schedule::RoundSchedule;
 
 /// Which recipe fits the sequence.
@@ -396,6 +397,17 @@ pub struct RefineConfig {
     pub frame_limit: usize,
     /// Passes of the final refinement.
     pub passes: usize,
+    /// Passes after these with local shapes beside the space; zero for none.
+    pub local_passes: usize,
+    /// Largest share of vertices more than 5 mm outside, after the passes in the space, with which these passes are made: whom
+    /// the space does not get inside is no person of it. Captures of people: 0.2 to 1.1 %; half a person: 11 %.
+    pub local_outside_share: f64,
+    /// Local shapes: what the space cannot express.
+    pub local: LocalShapeConfig,
+    /// Standard deviation of the turns of bones that local shapes may amount to, degrees: posture is of the pose.
+    pub posture_deg: f64,
+    /// Standard deviation of the directions of limb bones at rest about the mean's, degrees.
+    pub limb_direction_deg: f64,
     /// Pose rounds on each frame before its equations are taken.
     pub pose_rounds: usize,
     /// Standard deviation of a trustworthy residual.
@@ -457,6 +469,11 @@ impl Default for RefineConfig {
             vertex_count: 2400,
             frame_limit: 28,
             passes: 8,
+            local_passes: 4,
+            local_outside_share: 0.05,
+            local: LocalShapeConfig::default(),
+            posture_deg: 0.2,
+            limb_direction_deg: 0.5,
             pose_rounds: 2,
             residual_deviation: 0.006,
             independent_residuals: 500.0,

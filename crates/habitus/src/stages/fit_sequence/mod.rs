@@ -12,8 +12,10 @@ mod clearances;
 mod clothed_surface;
 pub mod config;
 mod frame_codes;
+mod joint_refinement;
 mod kept_captures;
 mod limb_watch;
+mod local_body;
 mod orientation;
 mod paper2016;
 mod pose_solver;
@@ -31,16 +33,14 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use self::body_levels::{BodyLevel, PreparedIdentity};
+use self::body_levels::{BodyLevel, PreparedIdentity, RestBody};
 use self::captured_frame::{CapturedFrame, FitFromInput, LimbSearch};
 pub use self::config::FitSequenceConfig;
 use self::config::{Recipe, SurfaceConfig};
 use self::frame_codes::{FrameQuality, is_temporal_jump, judge_frame};
-use self::kept_captures::KeptCaptures;
 use self::orientation::{Orientation, move_root};
 use self::pose_solver::{GivenLandmark, PosePrior, PoseSolver};
 pub use self::puppet::{PuppetFrame, follow_with_puppet};
-use self::refine_identity::{Contact, refine_pass, spread};
 use self::smooth_motion::smoothed;
 use self::track_pose::TrackedFrame;
 use crate::artifacts::codes::Code;
@@ -183,6 +183,8 @@ struct Track {
     orientation: Orientation,
     identity: Vec<f64>,
     covariance: DMatrix<f64>,
+    /// The person at rest once local shapes have been refined; before that the identity says it all.
+    body: Option<RestBody>,
     frames: Vec<TrackedFrame>,
     /// Energy of the second-best start over that of the best, over the trial frames.
     rival_ratio: f64,
@@ -270,10 +272,20 @@ impl<'a> Stage<'a> {
         surface: &'b SurfaceConfig,
         identity: &[f64],
     ) -> Result<PoseSolver<'b>, FitSequenceError> {
+        self.solver_of(fine, surface, &RestBody::of_space(self.model, identity))
+    }
+
+    /// Solver for a person who may be more than the space expresses.
+    fn solver_of<'b>(
+        &'b self,
+        fine: &'b BodyLevel,
+        surface: &'b SurfaceConfig,
+        body: &RestBody,
+    ) -> Result<PoseSolver<'b>, FitSequenceError> {
         let (lower, upper) = self.model.skeleton().pose_limits();
         Ok(PoseSolver {
-            coarse: PreparedIdentity::new(self.model, &self.coarse, identity),
-            fine: PreparedIdentity::new(self.model, fine, identity),
+            coarse: PreparedIdentity::of_body(self.model, &self.coarse, body),
+            fine: PreparedIdentity::of_body(self.model, fine, body),
             surface,
             track: &self.config.track,
             codes: &self.config.codes,
@@ -297,66 +309,11 @@ impl<'a> Stage<'a> {
         prior
     }
 
-    /// Joint refinement over evenly spread frames (see `refine_identity`).
-    fn refine(&self, track: &mut Track, observer: &mut dyn Observer) -> Result<(), FitSequenceError> {
-        let config = &self.config.refine;
-        let trusted = track.trusted();
-        let frames = spread(&trusted, config.frame_limit);
-        if frames.is_empty() {
-            return Ok(());
-        }
-        let tracked: Vec<Vec<f64>> = track.frames.iter().map(|frame| frame.pose.clone()).collect();
-        self.refine_over(track, &frames, &tracked, config.passes, observer)
-    }
-
-    fn refine_over(
-        &self,
-        track: &mut Track,
-        frames: &[usize],
-        tracked: &[Vec<f64>],
-        passes: usize,
-        observer: &mut dyn Observer,
-    ) -> Result<(), FitSequenceError> {
-        let mut poses = tracked.to_vec();
-        let mut clearances = None;
-        let captures = KeptCaptures::new(self, track.orientation.fit_from_input, LimbSearch::Unneeded);
-        for pass in 0..passes {
-            progress(observer, "refine", pass, passes + 1)?;
-            let solver = self.solver_at(&self.medium, &self.refine_surface, &track.identity)?;
-            let load = |frame: usize| captures.load(frame).ok();
-            let prior = |frame: usize| self.smoothness_prior(tracked, frame);
-            let step = refine_pass(
-                &solver,
-                frames,
-                &load,
-                &mut poses,
-                &prior,
-                &Contact {
-                    earlier: clearances.as_ref(),
-                    scale: self.config.refine.contact_scale(pass, passes),
-                },
-                &self.config.refine,
-            )?;
-            track.identity = step.identity;
-            track.covariance = step.covariance;
-            clearances = Some(step.clearances);
-            observer.on_event(&Event::Round {
-                name: "refine",
-                index: pass,
-                count: passes,
-                energy: step.energy,
-            });
-        }
-        for frame in frames {
-            track.frames[*frame].pose.clone_from(&poses[*frame]);
-        }
-        Ok(())
-    }
-
     /// Last pose rounds with the final identity, codes, and the way back to the input's frame.
     fn finish(&self, track: Track, observer: &mut dyn Observer) -> Result<FittedSequence, FitSequenceError> {
-        let solver = self.solver_at(&self.full, &self.final_surface, &track.identity)?;
-        let medium = self.solver_at(&self.medium, &self.final_surface, &track.identity)?;
+        let body = track.body.clone().unwrap_or_else(|| RestBody::of_space(self.model, &track.identity));
+        let solver = self.solver_of(&self.full, &self.final_surface, &body)?;
+        let medium = self.solver_of(&self.medium, &self.final_surface, &body)?;
         let fit_from_input = track.orientation.fit_from_input;
         let found: Vec<Vec<f64>> = track.frames.iter().map(|frame| frame.pose.clone()).collect();
         let is_joined = |frame: usize| {
@@ -396,7 +353,7 @@ impl<'a> Stage<'a> {
         if frames.iter().all(|frame| !frame.is_ok()) {
             smallest_clearance.fill(0.0);
         }
-        let codes = self.sequence_codes(&track, &frames);
+        let codes = self.sequence_codes(&track, &body.vertices, &frames);
         // Poses leave the fit's own coordinates for metres, y up, in the input's place.
         for frame in &mut frames {
             move_root(&mut frame.pose, solver.fine.joints[0], &track.orientation.internal_from_fit());
@@ -406,8 +363,8 @@ impl<'a> Stage<'a> {
         }
         Ok(FittedSequence {
             input_frame: track.orientation.input_frame(),
-            rest_vertices: self.model.rest_vertices(&track.identity),
-            rest_joints: self.model.surface().rest_joints(&track.identity),
+            rest_vertices: body.vertices,
+            rest_joints: body.joints,
             identity: track.identity,
             identity_covariance: track.covariance,
             start: Some(track.start),
@@ -442,8 +399,8 @@ impl<'a> Stage<'a> {
                 ..self.rest_prior(smoothed.len())
             };
             let rounds = self.config.refine.final_rounds;
-            let (pose, _) = medium.polish_pose(&capture, smoothed.to_vec(), &prior, rounds)?;
-            full.polish_pose(&capture, pose, &prior, 1)?
+            let (pose, _) = medium.polish_found_pose(&capture, smoothed.to_vec(), &prior, rounds)?;
+            full.polish_found_pose(&capture, pose, &prior, 1)?
         };
         let surface = &self.config.surface;
         let quality =
@@ -505,14 +462,13 @@ impl<'a> Stage<'a> {
         (fitted, quality.clearance)
     }
 
-    fn sequence_codes(&self, track: &Track, frames: &[FittedFrame]) -> Vec<Code> {
+    fn sequence_codes(&self, track: &Track, rest: &[DVec3], frames: &[FittedFrame]) -> Vec<Code> {
         let mut codes = Vec::new();
         let at_limit = |z: &f64| z.abs() >= IdentityCoefficients::LIMIT - 1e-6;
         if track.identity.iter().any(at_limit) {
             codes.push(Code::IdentityAtLimit);
         }
-        let rest = self.model.rest_vertices(&track.identity);
-        let [low, high] = captured_frame::bounds_of(&rest);
+        let [low, high] = captured_frame::bounds_of(rest);
         let [shortest, tallest] = self.config.codes.stature;
         let failed = frames.iter().filter(|frame| !frame.is_ok()).count();
         if !(shortest..=tallest).contains(&(high.y - low.y)) || 2 * failed > frames.len() {

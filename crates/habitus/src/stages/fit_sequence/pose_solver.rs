@@ -74,6 +74,9 @@ impl PoseSolution {
     }
 }
 
+/// A joint that polishing moves farther than this, metres, has been thrown.
+const FARTHEST_POLISH: f64 = 0.15;
+
 /// Capture samples that are compared with the coarse vertices in one round.
 const SAMPLES_PER_ROUND: usize = 300;
 
@@ -131,6 +134,24 @@ impl PoseSolver<'_> {
         let field = self.rounds(&self.fine, frame, &mut pose, prior, rounds)?;
         normalise_root(&mut pose);
         Ok((pose, field))
+    }
+
+    /// Fine rounds on a pose that has been found. What moves a joint far from there is no polish, as when a foot that comes
+    /// down is drawn to where the other one stands: then the pose stays as it is.
+    pub fn polish_found_pose(
+        &self,
+        frame: &CapturedFrame,
+        found: Vec<f64>,
+        prior: &PosePrior,
+        rounds: usize,
+    ) -> Result<(Vec<f64>, Option<ClosestField>), FitSequenceError> {
+        let (pose, field) = self.polish_pose(frame, found.clone(), prior, rounds)?;
+        let joints = self.fine.posed(&pose).joints;
+        let is_thrown = joints
+            .iter()
+            .zip(&self.fine.posed(&found).joints)
+            .any(|(polished, found)| polished.distance(*found) > FARTHEST_POLISH);
+        Ok(if is_thrown { (found, None) } else { (pose, field) })
     }
 
     /// Fine rounds only.
@@ -231,4 +252,57 @@ impl PoseSolver<'_> {
 pub(super) fn normalise_root(pose: &mut [f64]) {
     let rotation = DQuat::from_scaled_axis(DVec3::from_slice(&pose[3..6]));
     pose[3..6].copy_from_slice(&rotation_vector(rotation).to_array());
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+    use habitus_geometry::{Surface, TriangleMesh};
+
+    use super::super::captured_frame::{FitFromInput, LimbSearch, size_of};
+    use super::super::config::FrameConfig;
+    use super::*;
+    use crate::body::BodyModel;
+
+    #[test]
+    fn a_polish_moves_a_pose_a_little_and_leaves_one_that_it_throws() {
+        let model = BodyModel::default_space().expect("the embedded model");
+        let [coarse, fine] = [300, 600].map(|count| BodyLevel::spread(&model, count, 1));
+        let (surface, track, codes) =
+            (SurfaceConfig::default(), TrackConfig::default(), CodeThresholds::default());
+        let (lower, upper) = model.skeleton().pose_limits();
+        let solver = PoseSolver {
+            coarse: PreparedIdentity::new(&model, &coarse, &[0.0]),
+            fine: PreparedIdentity::new(&model, &fine, &[0.0]),
+            surface: &surface,
+            track: &track,
+            codes: &codes,
+            bounds: Bounds::new(lower, upper).expect("bounds"),
+        };
+        let polished_moves = |shift: f64| {
+            let shifted = model.mean_vertices().iter().map(|vertex| *vertex + DVec3::Z * shift).collect();
+            let capture = TriangleMesh::new(shifted, model.faces().to_vec()).expect("a mesh");
+            let capture = Surface::Mesh(capture);
+            let fit_from_input = FitFromInput {
+                scale: 1.0,
+                rotation: DMat3::IDENTITY,
+                translation: DVec3::ZERO,
+                usual_size: size_of(&capture),
+            };
+            let frame = CapturedFrame::prepare(
+                capture,
+                &fit_from_input,
+                &FrameConfig::default(),
+                (1, "body"),
+                LimbSearch::Unneeded,
+            );
+            let frame = frame.expect("a frame");
+            let found = vec![0.0; model.skeleton().pose_length()];
+            let solved = solver.polish_found_pose(&frame, found, &PosePrior::default(), 12);
+            solved.expect("a pose").0[2]
+        };
+        // The tolerance outside, a few millimetres, is what the body may stay behind.
+        assert!((polished_moves(0.02) - 0.02).abs() < 0.005, "{}", polished_moves(0.02));
+        assert_eq!(polished_moves(0.19), 0.0, "a joint may be polished by 15 cm at most");
+    }
 }

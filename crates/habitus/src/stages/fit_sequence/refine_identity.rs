@@ -41,17 +41,22 @@ pub(super) struct Contact<'a> {
     pub earlier: Option<&'a Clearances>,
     /// Geman–McClure scale of the attraction, in metres.
     pub scale: f64,
+    /// Functions of the coefficients that are posture, not build: a row each, zero up to a deviation of one.
+    pub posture: Option<&'a DMatrix<f64>>,
 }
 
-/// The identity after a pass, with the curvature of the energy there.
+/// The body after a pass, with the curvature of the energy there.
 pub(super) struct IdentityStep {
-    pub identity: Vec<f64>,
+    /// Coefficients of the level's surface, in standard deviations.
+    pub coefficients: Vec<f64>,
     /// Posterior covariance in standard deviations: inverse of the normal matrix, prior included, its data doubted.
     pub covariance: DMatrix<f64>,
     /// What the frames of the pass saw between skin and cloth.
     pub clearances: Clearances,
     /// Mean energy per vertex.
     pub energy: f64,
+    /// Share of vertices more than 5 mm outside the capture.
+    pub outside_share_5mm: f64,
 }
 
 /// One pass over frames: polish each pose, take its equations, eliminate the pose, step the identity in its box.
@@ -73,7 +78,7 @@ pub(super) fn refine_pass(
     let mut gradient = DVector::zeros(width);
     let mut moments = ShapeMoments::new(surface.vertex_count());
     let mut clearances = Clearances::new(surface.vertex_count());
-    let (mut energy, mut vertex_count, mut frame_count) = (0.0, 0, 0);
+    let (mut energy, mut vertex_count, mut frame_count, mut outside_count) = (0.0, 0, 0, 0);
     for batch in frames.chunks(BATCH) {
         let shares: Vec<Result<Option<FrameShare>, FitSequenceError>> = batch
             .par_iter()
@@ -91,6 +96,7 @@ pub(super) fn refine_pass(
             gradient += share.gradient;
             moments.merge(&share.moments);
             clearances.add(&share.clearance);
+            outside_count += share.clearance.iter().filter(|clearance| **clearance < -0.005).count();
             poses[*frame] = share.pose;
             energy += share.energy;
             vertex_count += share.vertex_count;
@@ -101,9 +107,11 @@ pub(super) fn refine_pass(
         return Err(FitSequenceError::NoUsableFrame);
     }
     moments.apply(surface, Some(&mut matrix), gradient.as_mut_slice());
-    let (identity, covariance) = identity_step(&body.identity, matrix, gradient, vertex_count, config)?;
+    let (coefficients, covariance) =
+        identity_step(&body.coefficients, matrix, gradient, contact.posture, vertex_count, config)?;
     let energy = energy / vertex_count.max(1) as f64;
-    Ok(IdentityStep { identity, covariance, clearances, energy })
+    let outside_share_5mm = outside_count as f64 / vertex_count.max(1) as f64;
+    Ok(IdentityStep { coefficients, covariance, clearances, energy, outside_share_5mm })
 }
 
 /// Data against the population: residuals count as `independent_residuals` of deviation `residual_deviation`.
@@ -111,6 +119,7 @@ fn identity_step(
     identity: &[f64],
     mut matrix: DMatrix<f64>,
     mut gradient: DVector<f64>,
+    posture: Option<&DMatrix<f64>>,
     vertex_count: usize,
     config: &RefineConfig,
 ) -> Result<(Vec<f64>, DMatrix<f64>), FitSequenceError> {
@@ -121,6 +130,11 @@ fn identity_step(
     for (k, coefficient) in identity.iter().enumerate() {
         matrix[(k, k)] += 1.0;
         gradient[k] += coefficient;
+    }
+    if let Some(posture) = posture {
+        let transposed = posture.transpose();
+        gradient += &transposed * (posture * DVector::from_column_slice(identity));
+        matrix += transposed * posture;
     }
     let symmetric = (&matrix + matrix.transpose()) * 0.5;
     let limit = IdentityCoefficients::LIMIT;
@@ -147,7 +161,7 @@ fn frame_share(
     contact: &Contact<'_>,
     config: &RefineConfig,
 ) -> Result<FrameShare, FitSequenceError> {
-    let (pose, field) = solver.polish_pose(capture, start, prior, config.pose_rounds)?;
+    let (pose, field) = solver.polish_found_pose(capture, start, prior, config.pose_rounds)?;
     let body = &solver.fine;
     let surface = &body.level.surface;
     let posed = body.posed(&pose);

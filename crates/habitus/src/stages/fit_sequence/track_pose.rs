@@ -111,6 +111,7 @@ impl Stage<'_> {
             orientation: started.orientation,
             identity: started.identity,
             covariance: DMatrix::identity(width, width),
+            body: None,
             frames,
             rival_ratio: started.rival_ratio,
             start: started.report,
@@ -186,10 +187,11 @@ impl Stage<'_> {
                 &Contact {
                     earlier: clearances.as_ref(),
                     scale: config.contact_scale(pass, config.initial_passes),
+                    posture: None,
                 },
                 config,
             )?;
-            track.identity = step.identity;
+            track.identity = step.coefficients;
             track.covariance = step.covariance;
             clearances = Some(step.clearances);
         }
@@ -306,7 +308,7 @@ impl Stage<'_> {
         let hints = vec![current.pose.clone(), last.to_vec()];
         let mut best = current;
         for start in search
-            .search(std::slice::from_ref(capture), Some(&solver.fine.identity), &hints)
+            .search(std::slice::from_ref(capture), Some(&solver.fine.coefficients), &hints)
             .into_iter()
             .take(3)
         {
