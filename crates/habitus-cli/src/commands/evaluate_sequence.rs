@@ -345,12 +345,12 @@ fn label(truth: &DressedTruth, people: &[String], folder: &Path) -> SequenceLabe
 /// The few numbers that a benchmark is about, one line for each style.
 fn style_table(name: &str, metrics: &BenchmarkMetrics) -> String {
     let mut lines = vec![format!(
-        "{name}\n  {:10} {:>6} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8}",
+        "{name}\n  {:10} {:>6} {:>8} {:>8} {:>9} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8}",
         "",
         "frames",
         "rest mm",
         "<10 mm",
-        "aligned",
+        "from root",
         "posed mm",
         "joints",
         "girths",
@@ -362,11 +362,11 @@ fn style_table(name: &str, metrics: &BenchmarkMetrics) -> String {
     for (style, numbers) in metrics.styles.iter().map(|(style, numbers)| (style.as_str(), numbers)).chain(all)
     {
         lines.push(format!(
-            "  {style:10} {:6} {:8.1} {:6.1} % {:8.1} {:8.1} {:8.1} {:8.1} {:6.1} % {:6.1} % {:6.1} %",
+            "  {style:10} {:6} {:8.1} {:6.1} % {:9.1} {:8.1} {:8.1} {:8.1} {:6.1} % {:6.1} % {:6.1} %",
             numbers.frames,
             numbers.rest_mean_mm,
             100.0 * numbers.rest_under_10mm,
-            numbers.rest_aligned_mean_mm,
+            numbers.rest_from_root_mean_mm,
             numbers.posed_mean_mm,
             numbers.mpjpe_mm,
             numbers.girth_mean_error_mm,

@@ -36,7 +36,7 @@ fn errors(style: &str, name: &str) -> SequenceErrors {
         posed: Distribution::default(),
         frames: (0..24).map(frame).collect(),
         rest_mm: vec![5.0, 6.0, 30.0, 7.0],
-        rest_aligned_mm: vec![4.0, 5.0, 20.0, 6.0],
+        rest_from_root_mm: vec![4.0, 5.0, 20.0, 6.0],
         rest_body: vec![DVec3::ZERO; 4],
         measurements: Vec::new(),
         jitter_mm: [1.0, 1.0],

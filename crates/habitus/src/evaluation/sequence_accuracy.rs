@@ -4,7 +4,6 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::artifacts::fitted_sequence::FittedSequence;
 use crate::artifacts::measurements::Measurement;
 use crate::artifacts::rigged_sequence::RiggedSequence;
 
@@ -49,8 +48,8 @@ pub enum AccuracyError {
 pub struct SequenceAccuracy {
     /// Mean distance between corresponding vertices of the posed bodies.
     pub posed_mean_mm: f64,
-    /// Mean distance between corresponding vertices of the rest bodies. Both are in the same rest pose, so only the
-    /// root joints are brought together: a rotation or scale would hide errors of build.
+    /// Mean distance between corresponding vertices of the rest bodies (P2 §6.2: s(β, Θ₀) against s(β₀, Θ₀)). Both are in
+    /// the same rest pose and centred as the space centres its people: a rotation or scale would hide errors of build.
     pub rest_mean_mm: f64,
     /// Share of rest vertices less than 10 mm apart.
     pub rest_under_10mm: f64,
@@ -100,14 +99,13 @@ pub fn sequence_accuracy(
         fitted_joints.push(fitted);
         true_joints.push(true_ones);
     }
-    let rest = rest_distances(sequence, truth);
+    let rest = distances_mm(&centred(&sequence.rest_vertices), &centred(&truth.rest_vertices));
     let stature = difference("stature", measurements)?;
     let true_jitter = jitter(&true_joints);
     Ok(SequenceAccuracy {
         posed_mean_mm: posed.value() * 1000.0,
-        rest_mean_mm: rest.iter().sum::<f64>() / rest.len().max(1) as f64 * 1000.0,
-        rest_under_10mm: rest.iter().filter(|distance| **distance < 0.01).count() as f64
-            / rest.len().max(1) as f64,
+        rest_mean_mm: mean(&rest),
+        rest_under_10mm: share_under_10mm(&rest),
         mpjpe_mm: joints.value() * 1000.0,
         stature_error_mm: stature * 1000.0,
         girth_mean_error_mm: girth_error(measurements)? * 1000.0,
@@ -136,13 +134,26 @@ impl Mean {
     }
 }
 
-fn rest_distances(sequence: &FittedSequence, truth: &SequenceTruth) -> Vec<f64> {
-    let shift = match (truth.rest_joints.first(), sequence.rest_joints.first()) {
-        (Some(truth), Some(fitted)) => *truth - *fitted,
-        _ => DVec3::ZERO,
-    };
-    let pairs = sequence.rest_vertices.iter().zip(&truth.rest_vertices);
-    pairs.map(|(fitted, truth)| (*fitted + shift).distance(*truth)).collect()
+/// Distances of corresponding points, mm; as many as both have.
+pub(super) fn distances_mm(one: &[DVec3], other: &[DVec3]) -> Vec<f64> {
+    one.iter().zip(other).map(|(a, b)| a.distance(*b) * 1000.0).collect()
+}
+
+/// A body with the mean of its vertices at the origin: where people stand in a space, whose bodies are aligned before
+/// anything is learnt from them (P1 §2).
+pub(super) fn centred(vertices: &[DVec3]) -> Vec<DVec3> {
+    let middle = vertices.iter().sum::<DVec3>() / vertices.len().max(1) as f64;
+    vertices.iter().map(|vertex| *vertex - middle).collect()
+}
+
+/// Mean of numbers; zero of none.
+pub(super) fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// Share of distances, mm, below 10 mm; zero of none.
+pub(super) fn share_under_10mm(distances_mm: &[f64]) -> f64 {
+    distances_mm.iter().filter(|distance| **distance < 10.0).count() as f64 / distances_mm.len().max(1) as f64
 }
 
 fn difference(name: &str, measurements: [&[Measurement]; 2]) -> Result<f64, AccuracyError> {

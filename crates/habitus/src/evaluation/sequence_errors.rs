@@ -4,11 +4,12 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::distribution::Distribution;
-use super::sequence_accuracy::{AccuracyError, SequenceAccuracy, SequenceTruth, jitter, sequence_accuracy};
+use super::sequence_accuracy::{
+    AccuracyError, SequenceAccuracy, SequenceTruth, centred, distances_mm, jitter, mean, sequence_accuracy,
+};
 use crate::artifacts::codes::Code;
 use crate::artifacts::measurements::{Measurement, Quantity};
 use crate::artifacts::rigged_sequence::RiggedSequence;
-use crate::statistics::align_to;
 
 /// What is known of a sequence besides its truth.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -66,11 +67,11 @@ pub struct SequenceErrors {
     pub posed: Distribution,
     /// The frames in order.
     pub frames: Vec<FrameErrors>,
-    /// Distance of each vertex of the rest bodies, root joints brought together.
+    /// Distance of each vertex of the centred rest bodies.
     pub rest_mm: Vec<f64>,
-    /// The same once the fitted rest body is turned and moved best onto the true one: what is left is shape alone.
-    pub rest_aligned_mm: Vec<f64>,
-    /// The fitted rest body with its root joint at the origin, metres: P2's own protocol compares these.
+    /// The same with the root joints brought together instead: what a rig that hangs on its root sees.
+    pub rest_from_root_mm: Vec<f64>,
+    /// The fitted rest body, centred, metres: P2's own protocol compares these.
     pub rest_body: Vec<DVec3>,
     /// Measurements with a stated uncertainty.
     pub measurements: Vec<MeasurementError>,
@@ -114,16 +115,12 @@ pub fn sequence_errors(
         joints[0].push(fitted_joints);
         joints[1].push(true_joints);
     }
-    let at_origin = |vertices: &[DVec3], joints: &[DVec3]| -> Vec<DVec3> {
-        let root = joints.first().copied().unwrap_or_default();
-        vertices.iter().map(|vertex| *vertex - root).collect()
-    };
-    let rest_body = at_origin(&sequence.rest_vertices, &sequence.rest_joints);
-    let rest_mm = distances_mm(&rest_body, &at_origin(&truth.rest_vertices, &truth.rest_joints));
-    let mut aligned: Vec<f64> = sequence.rest_vertices.iter().flat_map(|vertex| vertex.to_array()).collect();
-    align_to(&mut aligned, &truth.rest_vertices);
-    let aligned: Vec<DVec3> = aligned.chunks_exact(3).map(DVec3::from_slice).collect();
-    let rest_aligned_mm = distances_mm(&aligned, &truth.rest_vertices);
+    let rest_body = centred(&sequence.rest_vertices);
+    let rest_mm = distances_mm(&rest_body, &centred(&truth.rest_vertices));
+    let rest_from_root_mm = distances_mm(
+        &from_root(&sequence.rest_vertices, &sequence.rest_joints),
+        &from_root(&truth.rest_vertices, &truth.rest_joints),
+    );
     let jitter_mm = [&joints[0], &joints[1]].map(|joints| jitter(joints) * 1000.0);
     let measurements = measurement_errors(measurements);
     Ok(SequenceErrors {
@@ -132,21 +129,16 @@ pub fn sequence_errors(
         posed,
         frames,
         rest_mm,
-        rest_aligned_mm,
+        rest_from_root_mm,
         rest_body,
         measurements,
         jitter_mm,
     })
 }
 
-/// Distances of corresponding points; as many as both have.
-pub(super) fn distances_mm(one: &[DVec3], other: &[DVec3]) -> Vec<f64> {
-    one.iter().zip(other).map(|(a, b)| a.distance(*b) * 1000.0).collect()
-}
-
-/// Mean of numbers; zero of none.
-pub(super) fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len().max(1) as f64
+fn from_root(vertices: &[DVec3], joints: &[DVec3]) -> Vec<DVec3> {
+    let root = joints.first().copied().unwrap_or_default();
+    vertices.iter().map(|vertex| *vertex - root).collect()
 }
 
 fn measurement_errors([fitted, truth]: [&[Measurement]; 2]) -> Vec<MeasurementError> {

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::distribution::Distribution;
-use super::sequence_errors::{SequenceErrors, distances_mm, mean};
+use super::sequence_accuracy::{distances_mm, mean, share_under_10mm};
+use super::sequence_errors::SequenceErrors;
 
 /// When a body counts as wrong.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -65,14 +66,14 @@ pub struct SequenceMetrics {
     pub posed_mean_mm: f64,
     /// 95 % of these distances are below.
     pub posed_p95_mm: f64,
-    /// Mean distance between corresponding vertices of the rest bodies, root joints brought together.
+    /// Mean distance between corresponding vertices of the centred rest bodies (P2 §6.2).
     pub rest_mean_mm: f64,
     /// Share of these distances below 10 mm.
     pub rest_under_10mm: f64,
-    /// Mean distance between corresponding vertices of the rest bodies after the best rigid alignment.
-    pub rest_aligned_mean_mm: f64,
+    /// Mean distance between corresponding vertices of the rest bodies, root joints brought together.
+    pub rest_from_root_mean_mm: f64,
     /// Share of these distances below 10 mm.
-    pub rest_aligned_under_10mm: f64,
+    pub rest_from_root_under_10mm: f64,
     /// Mean distance between corresponding joints.
     pub mpjpe_mm: f64,
     /// Mean distance between landmark vertices and the true ones; none where the truth has no landmarks.
@@ -192,7 +193,8 @@ fn metrics(
     let mut posed = Distribution::default();
     chosen.iter().for_each(|errors| posed.merge(&errors.posed));
     let rest: Vec<f64> = chosen.iter().flat_map(|errors| errors.rest_mm.iter().copied()).collect();
-    let aligned: Vec<f64> = chosen.iter().flat_map(|errors| errors.rest_aligned_mm.iter().copied()).collect();
+    let from_root: Vec<f64> =
+        chosen.iter().flat_map(|errors| errors.rest_from_root_mm.iter().copied()).collect();
     let of_sequences =
         |value: fn(&SequenceErrors) -> f64| mean(&chosen.iter().map(|e| value(e)).collect::<Vec<_>>());
     let share = |is: &dyn Fn(&super::sequence_errors::FrameErrors) -> bool| {
@@ -209,9 +211,9 @@ fn metrics(
         posed_mean_mm: posed.mean(),
         posed_p95_mm: posed.percentile(0.95),
         rest_mean_mm: mean(&rest),
-        rest_under_10mm: under_10mm(&rest),
-        rest_aligned_mean_mm: mean(&aligned),
-        rest_aligned_under_10mm: under_10mm(&aligned),
+        rest_under_10mm: share_under_10mm(&rest),
+        rest_from_root_mean_mm: mean(&from_root),
+        rest_from_root_under_10mm: share_under_10mm(&from_root),
         mpjpe_mm: mean(&frames.iter().map(|frame| frame.mpjpe_mm).collect::<Vec<_>>()),
         landmark_mm: (!landmarks.is_empty()).then(|| mean(&landmarks)),
         girth_mean_error_mm: of_sequences(|errors| errors.accuracy.girth_mean_error_mm),
@@ -222,15 +224,11 @@ fn metrics(
         false_alarm_rate: share(&|frame| !is_wrong(frame) && frame.is_marked),
         miss_rate: share(&|frame| is_wrong(frame) && !frame.is_marked),
         paper_protocol: (!protocol.is_empty())
-            .then(|| PaperProtocol { mean_mm: mean(&protocol), under_10mm: under_10mm(&protocol) }),
+            .then(|| PaperProtocol { mean_mm: mean(&protocol), under_10mm: share_under_10mm(&protocol) }),
         seconds_per_frame: percentiles(frames.iter().filter_map(|frame| frame.seconds).collect()),
         drift_mm: (!drifts.is_empty()).then(|| mean(&drifts)),
         uncertainty: coverage(chosen),
     }
-}
-
-fn under_10mm(distances_mm: &[f64]) -> f64 {
-    distances_mm.iter().filter(|distance| **distance < 10.0).count() as f64 / distances_mm.len().max(1) as f64
 }
 
 /// Both jitters are means over frames, so that long sequences count for more.

@@ -82,7 +82,8 @@ fn the_rest_error_counts_vertices_below_ten_millimetres() {
     let same = measured(|_| 1.0);
     let accuracy = sequence_accuracy(&fit, &truth, [&same, &same]).expect("fits");
     let moved = (count / 4) as f64 / count as f64;
-    assert!((accuracy.rest_mean_mm - 20.0 * moved).abs() < 1e-9);
+    // A quarter moves by 20 mm, so the middle by 5: those are 15 mm apart and all others 5.
+    assert!((accuracy.rest_mean_mm - 2.0 * 20.0 * moved * (1.0 - moved)).abs() < 1e-9);
     assert!((accuracy.rest_under_10mm - (1.0 - moved)).abs() < 1e-12);
     assert_eq!(accuracy.jitter_ratio, None, "one frame has no second difference");
 }

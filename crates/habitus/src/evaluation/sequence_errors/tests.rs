@@ -84,3 +84,14 @@ fn a_frame_is_marked_by_codes_that_fail_it_only() {
     assert!(!errors.frames[0].is_marked && errors.frames[1].is_marked);
     assert!(errors.measurements.is_empty(), "no ± was stated");
 }
+
+#[test]
+fn a_root_joint_that_is_found_elsewhere_is_no_error_of_the_rest_body_and_one_from_the_root() {
+    let fit = rigged_sequence(1);
+    let mut truth = shifted_truth(&fit, DVec3::ZERO);
+    truth.rest_joints[0].y += 0.012;
+    let same = measured(1.0, None);
+    let errors = sequence_errors(SequenceLabel::default(), &fit, &truth, [&same, &same]).expect("fits");
+    assert!(errors.rest_mm.iter().all(|error| *error < 1e-9));
+    assert!(errors.rest_from_root_mm.iter().all(|error| (error - 12.0).abs() < 1e-9));
+}

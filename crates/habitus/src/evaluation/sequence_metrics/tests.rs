@@ -41,7 +41,7 @@ fn sequence(style: &str, motion: &str, size: f64, frames: Vec<FrameErrors>) -> S
         posed,
         frames,
         rest_mm: vec![0.0, size * 10.0],
-        rest_aligned_mm: vec![size * 5.0; 2],
+        rest_from_root_mm: vec![size * 5.0; 2],
         rest_body: vec![DVec3::ZERO, DVec3::Y * size],
         measurements: vec![
             MeasurementError { name: "a".into(), error: -3.0, plus_minus: 2.0 },
