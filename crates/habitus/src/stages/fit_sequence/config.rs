@@ -353,6 +353,8 @@ pub struct TrackConfig {
     pub rest_stiffness: f64,
     /// Share of the last frame's motion that the prediction continues.
     pub velocity: f64,
+    /// A joint that polishing a found pose moves farther than this, metres, has been thrown, and the pose stays.
+    pub farthest_polish: f64,
 }
 
 impl TrackConfig {
@@ -379,6 +381,7 @@ impl Default for TrackConfig {
             prediction_stiffness: 2e-5,
             rest_stiffness: 2e-6,
             velocity: 0.7,
+            farthest_polish: 0.15,
         }
     }
 }
@@ -423,7 +426,7 @@ pub struct RefineConfig {
     pub clearance_tolerance: f64,
     /// Gap that is expected between a covered vertex and the cloth where it comes closest, over the deviation of its
     /// clearance over the frames. Made-up sequences: about 1.2 in a wide dress, 1.5 to 2 in a tight suit, 3 and more under
-    /// layers.
+    /// layers; the default fits all of them best together.
     pub gap_per_deviation: f64,
     /// The largest expected gap, metres: hems swing farther than they stand off.
     pub largest_gap: f64,
@@ -480,8 +483,8 @@ impl Default for RefineConfig {
             error_over_curvature: 2.0,
             smoothness: 2e-5,
             clearance_tolerance: 0.008,
-            gap_per_deviation: 2.0,
-            largest_gap: 0.008,
+            gap_per_deviation: 2.5,
+            largest_gap: 0.012,
             contact_weight: 0.6,
             contact_scale: [0.08, 0.02],
             outside_weight: 13.0,
