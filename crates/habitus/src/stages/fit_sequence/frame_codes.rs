@@ -7,7 +7,7 @@ use super::captured_frame::CapturedFrame;
 use super::clothed_surface::{ClothedPairs, clothed_pairs, uncovered_share, uncovered_sole_share};
 use super::config::{CodeThresholds, SurfaceConfig};
 use super::limb_watch::{SpreadBody, has_lost_a_limb};
-use super::refine_identity::{outside, signed_distances};
+use super::refine_identity::{OUTSIDE_DEPTH, outside, signed_distances};
 use crate::artifacts::codes::Code;
 use crate::artifacts::fitted_sequence::Landmark;
 use crate::body::{BodyModel, ROOT_LENGTH};
@@ -42,7 +42,7 @@ pub(super) fn judge_frame(
     let distances = signed_distances(&field, &vertices);
     let ClothedPairs { pairs, energy, inlier_share } =
         clothed_pairs(body.level, &field, &vertices, &normals, surface);
-    let (outside_share_5mm, outside_mean) = outside(&distances, 0.005);
+    let (outside_share_5mm, outside_mean) = outside(&distances, OUTSIDE_DEPTH);
     let mut codes = Vec::new();
     let mut fire = |condition: bool, code: Code| {
         if condition {

@@ -1,12 +1,14 @@
 //! Joint refinement of identity and poses over evenly spread frames: first in the space, then with local shapes beside it.
 
 use habitus_optimize::{Event, Observer};
+use nalgebra::DMatrix;
 
+use super::body_levels::{BodyLevel, RestBody};
 use super::captured_frame::LimbSearch;
 use super::clearances::Clearances;
 use super::kept_captures::KeptCaptures;
 use super::local_body::LocalBody;
-use super::refine_identity::{Contact, refine_pass, spread};
+use super::refine_identity::{Contact, IdentityStep, refine_pass, spread};
 use super::{FitSequenceError, Stage, Track, progress};
 
 /// What the passes hand on to one another.
@@ -20,6 +22,20 @@ struct Refinement<'a> {
     /// What the last pass saw between skin and cloth.
     clearances: Option<Clearances>,
     captures: KeptCaptures<'a>,
+}
+
+/// What one pass fits.
+struct Pass<'a> {
+    name: &'static str,
+    /// Position among all passes.
+    index: usize,
+    /// Vertices and the components that move them.
+    level: &'a BodyLevel,
+    body: &'a RestBody,
+    /// Geman–McClure scale of the attraction to the cloth, in metres.
+    scale: f64,
+    /// Functions of the coefficients that are posture (see `Contact`).
+    posture: Option<&'a DMatrix<f64>>,
 }
 
 impl Stage<'_> {
@@ -57,24 +73,14 @@ impl Stage<'_> {
     ) -> Result<f64, FitSequenceError> {
         let config = &self.config.refine;
         let mut outside_share = 0.0;
-        for pass in 0..config.passes {
-            progress(observer, "refine", pass, config.passes + config.local_passes + 1)?;
-            let solver = self.solver_at(&self.medium, &self.refine_surface, &track.identity)?;
-            let load = |frame: usize| state.captures.load(frame).ok();
-            let prior = |frame: usize| self.smoothness_prior(&state.tracked, frame);
-            let contact = Contact {
-                earlier: state.clearances.as_ref(),
-                scale: config.contact_scale(pass, config.passes),
-                posture: None,
-            };
-            let step =
-                refine_pass(&solver, &state.frames, &load, &mut state.poses, &prior, &contact, config)?;
+        for index in 0..config.passes {
+            let body = RestBody::of_space(self.model, &track.identity);
+            let (scale, posture) = (config.contact_scale(index, config.passes), None);
+            let pass = Pass { name: "refine", index, level: &self.medium, body: &body, scale, posture };
+            let step = self.pass(&pass, state, observer)?;
             track.identity = step.coefficients;
             track.covariance = step.covariance;
-            state.clearances = Some(step.clearances);
             outside_share = step.outside_share_5mm;
-            let (index, energy) = (pass, step.energy);
-            observer.on_event(&Event::Round { name: "refine", index, count: config.passes, energy });
         }
         Ok(outside_share)
     }
@@ -90,35 +96,44 @@ impl Stage<'_> {
         if config.local_passes == 0 {
             return Ok(());
         }
-        let local = LocalBody::new(self.model, &self.medium, track.identity.len(), config);
+        let own = track.identity.len();
+        let local = LocalBody::new(self.model, &self.medium, own, config);
         let mut body = local.rest_body(&track.identity);
-        for pass in 0..config.local_passes {
-            progress(observer, "refine", config.passes + pass, config.passes + config.local_passes + 1)?;
-            let solver = self.solver_of(&local.level, &self.refine_surface, &body)?;
-            let load = |frame: usize| state.captures.load(frame).ok();
-            let prior = |frame: usize| self.smoothness_prior(&state.tracked, frame);
-            let contact = Contact {
-                earlier: state.clearances.as_ref(),
-                scale: config.contact_scale[1],
-                posture: Some(&local.posture),
-            };
-            let step =
-                refine_pass(&solver, &state.frames, &load, &mut state.poses, &prior, &contact, config)?;
+        for index in config.passes..config.passes + config.local_passes {
+            let (scale, posture) = (config.contact_scale[1], Some(&local.posture));
+            let name = "refine local shapes";
+            let pass = Pass { name, index, level: &local.level, body: &body, scale, posture };
+            let step = self.pass(&pass, state, observer)?;
             body = local.rest_body(&step.coefficients);
             // What the space's coefficients may be, whatever the local shapes are.
-            let own = track.identity.len();
             track.covariance = step.covariance.view((0, 0), (own, own)).into_owned();
-            state.clearances = Some(step.clearances);
-            let (index, energy) = (pass, step.energy);
-            observer.on_event(&Event::Round {
-                name: "refine local shapes",
-                index,
-                count: config.local_passes,
-                energy,
-            });
         }
-        track.identity = body.coefficients[..track.identity.len()].to_vec();
+        track.identity = body.coefficients[..own].to_vec();
         track.body = Some(body);
         Ok(())
+    }
+
+    /// Polishes the poses for a body and steps its coefficients.
+    fn pass(
+        &self,
+        pass: &Pass<'_>,
+        state: &mut Refinement<'_>,
+        observer: &mut dyn Observer,
+    ) -> Result<IdentityStep, FitSequenceError> {
+        let config = &self.config.refine;
+        let count = config.passes + config.local_passes;
+        // The final pass over all frames comes after these.
+        progress(observer, "refine", pass.index, count + 1)?;
+        let solver = self.solver_of(pass.level, &self.refine_surface, pass.body)?;
+        let load = |frame: usize| state.captures.load(frame).ok();
+        let prior = |frame: usize| self.smoothness_prior(&state.tracked, frame);
+        let contact =
+            Contact { earlier: state.clearances.as_ref(), scale: pass.scale, posture: pass.posture };
+        let mut step =
+            refine_pass(&solver, &state.frames, &load, &mut state.poses, &prior, &contact, config)?;
+        state.clearances = Some(std::mem::take(&mut step.clearances));
+        let (name, index, energy) = (pass.name, pass.index, step.energy);
+        observer.on_event(&Event::Round { name, index, count, energy });
+        Ok(step)
     }
 }

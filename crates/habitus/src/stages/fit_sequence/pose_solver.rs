@@ -74,9 +74,6 @@ impl PoseSolution {
     }
 }
 
-/// A joint that polishing moves farther than this, metres, has been thrown.
-const FARTHEST_POLISH: f64 = 0.15;
-
 /// Capture samples that are compared with the coarse vertices in one round.
 const SAMPLES_PER_ROUND: usize = 300;
 
@@ -150,7 +147,7 @@ impl PoseSolver<'_> {
         let is_thrown = joints
             .iter()
             .zip(&self.fine.posed(&found).joints)
-            .any(|(polished, found)| polished.distance(*found) > FARTHEST_POLISH);
+            .any(|(polished, found)| polished.distance(*found) > self.track.farthest_polish);
         Ok(if is_thrown { (found, None) } else { (pose, field) })
     }
 

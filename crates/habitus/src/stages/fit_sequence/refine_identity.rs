@@ -24,6 +24,9 @@ use crate::fitting::terms::{ClosestPoints, DistanceForm};
 /// Frames whose equations are in memory together; fixed, so that sums do not depend on the thread count.
 const BATCH: usize = 8;
 
+/// A vertex farther outside the capture than this, metres, counts as outside: the 5 mm of `outside_share_5mm`.
+pub(super) const OUTSIDE_DEPTH: f64 = 0.005;
+
 /// What one frame says about the identity once its pose is eliminated.
 struct FrameShare {
     matrix: DMatrix<f64>,
@@ -96,7 +99,7 @@ pub(super) fn refine_pass(
             gradient += share.gradient;
             moments.merge(&share.moments);
             clearances.add(&share.clearance);
-            outside_count += share.clearance.iter().filter(|clearance| **clearance < -0.005).count();
+            outside_count += share.clearance.iter().filter(|clearance| **clearance < -OUTSIDE_DEPTH).count();
             poses[*frame] = share.pose;
             energy += share.energy;
             vertex_count += share.vertex_count;
