@@ -426,7 +426,7 @@ pub struct RefineConfig {
     pub clearance_tolerance: f64,
     /// Gap that is expected between a covered vertex and the cloth where it comes closest, over the deviation of its
     /// clearance over the frames. Made-up sequences: about 1.2 in a wide dress, 1.5 to 2 in a tight suit, 3 and more under
-    /// layers; the default fits all of them best together.
+    /// layers. Visual hulls stand off farther: `configs/visual_hull.toml`.
     pub gap_per_deviation: f64,
     /// The largest expected gap, metres: hems swing farther than they stand off.
     pub largest_gap: f64,
@@ -483,8 +483,8 @@ impl Default for RefineConfig {
             error_over_curvature: 2.0,
             smoothness: 2e-5,
             clearance_tolerance: 0.008,
-            gap_per_deviation: 2.5,
-            largest_gap: 0.012,
+            gap_per_deviation: 2.0,
+            largest_gap: 0.008,
             contact_weight: 0.6,
             contact_scale: [0.08, 0.02],
             outside_weight: 13.0,
