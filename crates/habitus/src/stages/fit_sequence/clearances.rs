@@ -13,7 +13,6 @@ const FARTHEST: f64 = 0.08;
 const FEWEST_FRAMES: f64 = 4.0;
 
 /// Gathered clearances of each vertex over some frames, metres.
-#[derive(Default)]
 pub(super) struct Clearances {
     /// The smallest; infinite where no frame saw the vertex.
     pub smallest: Vec<f64>,

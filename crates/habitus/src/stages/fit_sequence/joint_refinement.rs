@@ -129,9 +129,9 @@ impl Stage<'_> {
         let prior = |frame: usize| self.smoothness_prior(&state.tracked, frame);
         let contact =
             Contact { earlier: state.clearances.as_ref(), scale: pass.scale, posture: pass.posture };
-        let mut step =
+        let (step, clearances) =
             refine_pass(&solver, &state.frames, &load, &mut state.poses, &prior, &contact, config)?;
-        state.clearances = Some(std::mem::take(&mut step.clearances));
+        state.clearances = Some(clearances);
         let (name, index, energy) = (pass.name, pass.index, step.energy);
         observer.on_event(&Event::Round { name, index, count, energy });
         Ok(step)

@@ -263,16 +263,8 @@ impl<'a> Stage<'a> {
 
     /// Solver for tracking and the first identity.
     fn solver(&self, identity: &[f64]) -> Result<PoseSolver<'_>, FitSequenceError> {
-        self.solver_at(&self.medium, &self.config.surface, identity)
-    }
-
-    fn solver_at<'b>(
-        &'b self,
-        fine: &'b BodyLevel,
-        surface: &'b SurfaceConfig,
-        identity: &[f64],
-    ) -> Result<PoseSolver<'b>, FitSequenceError> {
-        self.solver_of(fine, surface, &RestBody::of_space(self.model, identity))
+        let body = RestBody::of_space(self.model, identity);
+        self.solver_of(&self.medium, &self.config.surface, &body)
     }
 
     /// Solver for a person who may be more than the space expresses.

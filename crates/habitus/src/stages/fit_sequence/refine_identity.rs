@@ -54,8 +54,6 @@ pub(super) struct IdentityStep {
     pub coefficients: Vec<f64>,
     /// Posterior covariance in standard deviations: inverse of the normal matrix, prior included, its data doubted.
     pub covariance: DMatrix<f64>,
-    /// What the frames of the pass saw between skin and cloth.
-    pub clearances: Clearances,
     /// Mean energy per vertex.
     pub energy: f64,
     /// Share of vertices more than 5 mm outside the capture.
@@ -64,7 +62,8 @@ pub(super) struct IdentityStep {
 
 /// One pass over frames: polish each pose, take its equations, eliminate the pose, step the identity in its box.
 ///
-/// `frames` yields (position in `poses`, capture); a frame that cannot be read is left out by returning `None`.
+/// `frames` yields (position in `poses`, capture); a frame that cannot be read is left out by returning `None`. With the step
+/// comes what the frames saw between skin and cloth, for the next pass.
 pub(super) fn refine_pass(
     solver: &PoseSolver<'_>,
     frames: &[usize],
@@ -73,7 +72,7 @@ pub(super) fn refine_pass(
     prior: &(dyn Fn(usize) -> PosePrior + Sync),
     contact: &Contact<'_>,
     config: &RefineConfig,
-) -> Result<IdentityStep, FitSequenceError> {
+) -> Result<(IdentityStep, Clearances), FitSequenceError> {
     let body = &solver.fine;
     let surface = &body.level.surface;
     let width = surface.component_count();
@@ -114,7 +113,7 @@ pub(super) fn refine_pass(
         identity_step(&body.coefficients, matrix, gradient, contact.posture, vertex_count, config)?;
     let energy = energy / vertex_count.max(1) as f64;
     let outside_share_5mm = outside_count as f64 / vertex_count.max(1) as f64;
-    Ok(IdentityStep { coefficients, covariance, clearances, energy, outside_share_5mm })
+    Ok((IdentityStep { coefficients, covariance, energy, outside_share_5mm }, clearances))
 }
 
 /// Data against the population: residuals count as `independent_residuals` of deviation `residual_deviation`.

@@ -178,7 +178,7 @@ impl Stage<'_> {
             let solver = self.solver(&track.identity)?;
             let load = |position: usize| captures.load(first_frame + position - 1).ok();
             let prior = |position: usize| self.smoothness_prior(&tracked, position);
-            let step = super::refine_identity::refine_pass(
+            let (step, seen) = super::refine_identity::refine_pass(
                 &solver,
                 &frames,
                 &load,
@@ -193,7 +193,7 @@ impl Stage<'_> {
             )?;
             track.identity = step.coefficients;
             track.covariance = step.covariance;
-            clearances = Some(step.clearances);
+            clearances = Some(seen);
         }
         let first = poses[usable.first().copied().unwrap_or(0)].clone();
         track.frames = vec![TrackedFrame { pose: first, explains: true, ..TrackedFrame::lost(&[], None) }];
