@@ -75,28 +75,37 @@ impl SurfaceIndex {
     pub fn of_mesh(mesh: &TriangleMesh) -> Self {
         let positions = mesh.positions();
         let frame = UnitFrame::around(positions);
+        let at = |vertex: u32| positions[vertex as usize];
         let corners: Vec<[DVec3; 3]> =
-            mesh.faces().iter().map(|face| face.map(|vertex| positions[vertex as usize])).collect();
+            mesh.faces().iter().map(|[a, b, c]| [at(*a), at(*b), at(*c)]).collect();
         let ((order, groups, packets, nodes), pseudonormals) = rayon::join(
             || {
                 let centres = corners.iter().map(|[a, b, c]| frame.enter((*a + *b + *c) / 3.0));
                 let order = padded(packet_order(centres));
-                let triangle = |index: u32| corners[index as usize].map(|corner| frame.enter(corner));
-                let (groups, packets): (Vec<FlatBoxes>, Vec<Vec<TrianglePacket>>) = order
+                let packed = |indices: &[u32]| {
+                    lanes_of(indices, |index| {
+                        let [a, b, c] = corners[index as usize];
+                        [frame.enter(a), frame.enter(b), frame.enter(c)]
+                    })
+                };
+                let packets: Vec<TrianglePacket> = order
+                    .par_chunks(LANES)
+                    .with_min_len(LANES * GROUPS_PER_PIECE)
+                    .map(|indices| TrianglePacket::new(&packed(indices)))
+                    .collect();
+                // A group that is not full repeats its last packet.
+                let packet_of = |group: &[u32], packet: usize| {
+                    let first = LANES * packet.min(group.len() / LANES - 1);
+                    packed(&group[first..first + LANES])
+                };
+                let groups: Vec<FlatBoxes> = order
                     .par_chunks(GROUP)
                     .with_min_len(GROUPS_PER_PIECE)
-                    .map(|indices| {
-                        let packed: Vec<_> =
-                            indices.chunks(LANES).map(|packet| lanes_of(packet, triangle)).collect();
-                        let packets =
-                            packed.iter().map(|triangles| TrianglePacket::new(*triangles)).collect();
-                        (FlatBoxes::around(&packed), packets)
-                    })
-                    .unzip();
-                let packets: Vec<TrianglePacket> = packets.into_iter().flatten().collect();
+                    .map(|group| FlatBoxes::around(&std::array::from_fn(|packet| packet_of(group, packet))))
+                    .collect();
                 let bounds: Vec<Bounds> = packets
                     .chunks(LANES)
-                    .map(|group| Bounds::around(group.iter().flat_map(|packet| packet.corners)))
+                    .map(|group| Bounds::around(group.iter().flat_map(|packet| &packet.corners)))
                     .collect();
                 let nodes = nodes_over(&bounds);
                 (order, groups, packets, nodes)
@@ -124,7 +133,7 @@ impl SurfaceIndex {
             .collect();
         let bounds: Vec<Bounds> = packets
             .chunks(LANES)
-            .map(|group| Bounds::around(group.iter().map(|packet| packet.points)))
+            .map(|group| Bounds::around(group.iter().map(|packet| &packet.points)))
             .collect();
         let (positions, normals) = (positions.to_vec(), normals.to_vec());
         let primitives = Primitives::Points { groups: vec![(); bounds.len()], packets, positions, normals };
@@ -160,6 +169,7 @@ impl SurfaceIndex {
     }
 
     /// The closest points of many points, in parallel; `hints` are faces as for [`SurfaceIndex::closest_warm`], one per point.
+    /// Without them a point's answer is the hint for the next one: neighbours in a list mostly are neighbours in space.
     ///
     /// # Panics
     /// If there are hints, but not one per point.
@@ -171,10 +181,17 @@ impl SurfaceIndex {
             .par_iter()
             .with_min_len(QUERY_CHUNK)
             .enumerate()
-            .map(|(place, point)| match hints {
-                Some(hints) => self.closest_warm(*point, hints[place]),
-                None => self.closest(*point),
-            })
+            .map_init(
+                || None,
+                |last: &mut Option<u32>, (place, point)| {
+                    let found = match hints.map(|hints| hints[place]).or(*last) {
+                        Some(hint) => self.closest_warm(*point, hint),
+                        None => self.closest(*point),
+                    };
+                    *last = Some(found.face);
+                    found
+                },
+            )
             .collect_into_vec(closest);
     }
 
@@ -280,6 +297,7 @@ fn padded(mut order: Vec<u32>) -> Vec<u32> {
     order
 }
 
+#[inline(always)]
 fn lanes_of<T: Copy>(indices: &[u32], primitive: impl Fn(u32) -> T) -> [T; LANES] {
-    [0, 1, 2, 3].map(|lane| primitive(indices[lane]))
+    [primitive(indices[0]), primitive(indices[1]), primitive(indices[2]), primitive(indices[3])]
 }

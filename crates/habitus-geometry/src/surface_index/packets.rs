@@ -17,9 +17,13 @@ pub(super) struct Lanes {
 }
 
 impl Lanes {
-    pub fn gather(points: [DVec3; LANES]) -> Self {
-        let lane = |axis: usize| Vec4::from_array(points.map(|point| point[axis] as f32));
-        Self { x: lane(0), y: lane(1), z: lane(2) }
+    #[inline(always)]
+    pub fn gather([a, b, c, d]: [DVec3; LANES]) -> Self {
+        Self {
+            x: Vec4::new(a.x as f32, b.x as f32, c.x as f32, d.x as f32),
+            y: Vec4::new(a.y as f32, b.y as f32, c.y as f32, d.y as f32),
+            z: Vec4::new(a.z as f32, b.z as f32, c.z as f32, d.z as f32),
+        }
     }
 
     pub fn splat(point: DVec3) -> Self {
@@ -66,15 +70,15 @@ pub(super) struct TrianglePacket {
 }
 
 impl TrianglePacket {
-    pub fn new(triangles: [[DVec3; 3]; LANES]) -> Self {
-        let corners = [0, 1, 2].map(|corner| Lanes::gather(triangles.map(|triangle| triangle[corner])));
-        // The normal belongs to the rounded corners, or a sliver would be bounded against another plane than its own.
-        let rounded = triangles.map(|triangle| triangle.map(|corner| corner.as_vec3().as_dvec3()));
-        let normal = Lanes::gather(rounded.map(|[a, b, c]| (b - a).cross(c - a).normalize_or_zero()));
-        let reach = Vec4::from_array(
-            rounded.map(|[a, b, c]| a.distance(b).max(b.distance(c)).max(c.distance(a)) as f32),
-        );
-        Self { corners, normal, reach }
+    pub fn new([t, u, v, w]: &[[DVec3; 3]; LANES]) -> Self {
+        let corner = |corner: usize| Lanes::gather([t[corner], u[corner], v[corner], w[corner]]);
+        let [t, u, v, w] =
+            [normal_and_reach(t), normal_and_reach(u), normal_and_reach(v), normal_and_reach(w)];
+        Self {
+            corners: [corner(0), corner(1), corner(2)],
+            normal: Lanes::gather([t.0, u.0, v.0, w.0]),
+            reach: Vec4::new(t.1, u.1, v.1, w.1),
+        }
     }
 
     /// Lower bounds on the squared distances, up to the slack: to the three edges, and to the plane where the
@@ -97,6 +101,17 @@ impl TrianglePacket {
         let may_be_over_face = inwards.cmpge(self.reach * -slack);
         Vec4::select(may_be_over_face, to_edges.min(height * height), to_edges)
     }
+}
+
+/// The unit normal of a triangle and its longest edge. They belong to the corners as they are rounded for the packet, or a
+/// sliver would be bounded against another plane than its own.
+#[inline(always)]
+fn normal_and_reach(triangle: &[DVec3; 3]) -> (DVec3, f32) {
+    let rounded = |corner: usize| triangle[corner].as_vec3().as_dvec3();
+    let (a, b, c) = (rounded(0), rounded(1), rounded(2));
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
+    (normal, longest.sqrt() as f32)
 }
 
 /// Four points about the surface's centre.
@@ -124,14 +139,15 @@ pub(super) struct FlatBoxes {
 }
 
 impl FlatBoxes {
-    /// Boxes around the triangles of up to four packets, given about the surface's centre; the last one is repeated.
-    pub fn around(packets: &[[[DVec3; 3]; LANES]]) -> Self {
-        let boxes: [FlatBox; LANES] =
-            [0, 1, 2, 3].map(|lane: usize| FlatBox::around(&packets[lane.min(packets.len() - 1)]));
+    /// Boxes around the triangles of four packets, given about the surface's centre.
+    pub fn around(packets: &[[[DVec3; 3]; LANES]; LANES]) -> Self {
+        let [a, b, c, d] = packets;
+        let [a, b, c, d] = [FlatBox::around(a), FlatBox::around(b), FlatBox::around(c), FlatBox::around(d)];
+        let axis = |axis: usize| Lanes::gather([a.axes[axis], b.axes[axis], c.axes[axis], d.axes[axis]]);
         Self {
-            axes: [0, 1, 2].map(|axis| Lanes::gather(boxes.map(|flat| flat.axes[axis]))),
-            centre: Lanes::gather(boxes.map(|flat| flat.centre)),
-            half: Lanes::gather(boxes.map(|flat| flat.half)),
+            axes: [axis(0), axis(1), axis(2)],
+            centre: Lanes::gather([a.centre, b.centre, c.centre, d.centre]),
+            half: Lanes::gather([a.half, b.half, c.half, d.half]),
         }
     }
 
@@ -176,18 +192,25 @@ struct FlatBox {
 }
 
 impl FlatBox {
+    #[inline(always)]
     fn around(triangles: &[[DVec3; 3]; LANES]) -> Self {
-        let area_vector: DVec3 = triangles.iter().map(|[a, b, c]| (*b - *a).cross(*c - *a)).sum();
+        let mut area_vector = DVec3::ZERO;
+        for [a, b, c] in triangles {
+            area_vector += (*b - *a).cross(*c - *a);
+        }
         let up = area_vector.try_normalize().unwrap_or(DVec3::Z);
         let [a, b, _] = triangles[0];
         let along = (b - a).reject_from_normalized(up).try_normalize().unwrap_or(up.any_orthonormal_vector());
         // Rounded first, so that the extents belong to the axes that the search will use.
-        let axes = [along, up.cross(along), up].map(|axis| axis.as_vec3().as_dvec3());
+        let rounded = |axis: DVec3| axis.as_vec3().as_dvec3();
+        let axes = [rounded(along), rounded(up.cross(along)), rounded(up)];
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for corner in triangles.iter().flatten() {
-            let on_axes = DVec3::from(axes.map(|axis| axis.dot(*corner)));
-            low = low.min(on_axes);
-            high = high.max(on_axes);
+        for corners in triangles {
+            for corner in corners {
+                let on_axes = DVec3::new(axes[0].dot(*corner), axes[1].dot(*corner), axes[2].dot(*corner));
+                low = low.min(on_axes);
+                high = high.max(on_axes);
+            }
         }
         Self { axes, centre: (low + high) * 0.5, half: (high - low) * 0.5 }
     }

@@ -52,20 +52,23 @@ impl Pseudonormals {
 }
 
 fn face_and_vertex_normals(positions: &[DVec3], faces: &[[u32; 3]]) -> (Vec<DVec3>, Vec<DVec3>) {
-    let mut weighted = vec![(DVec3::ZERO, [0.0; 3]); faces.len()];
-    weighted.par_chunks_mut(CHUNK).zip(faces.par_chunks(CHUNK)).for_each(|(weighted, faces)| {
-        for (weighted, face) in weighted.iter_mut().zip(faces) {
-            let [a, b, c] = face.map(|vertex| positions[vertex as usize]);
-            *weighted = ((b - a).cross(c - a).normalize_or_zero(), corner_angles([a, b, c]));
+    let mut face_normals = vec![DVec3::ZERO; faces.len()];
+    let mut angles = vec![[0.0; 3]; faces.len()];
+    let pieces = face_normals.par_chunks_mut(CHUNK).zip(angles.par_chunks_mut(CHUNK));
+    pieces.zip(faces.par_chunks(CHUNK)).for_each(|((normals, angles), faces)| {
+        for ((normal, angles), [a, b, c]) in normals.iter_mut().zip(angles).zip(faces) {
+            let [a, b, c] = [positions[*a as usize], positions[*b as usize], positions[*c as usize]];
+            *normal = (b - a).cross(c - a).normalize_or_zero();
+            *angles = corner_angles([a, b, c]);
         }
     });
     let mut vertex_normals = vec![DVec3::ZERO; positions.len()];
-    for (face, (normal, angles)) in faces.iter().zip(&weighted) {
+    for ((face, normal), angles) in faces.iter().zip(&face_normals).zip(&angles) {
         for (vertex, angle) in face.iter().zip(angles) {
             vertex_normals[*vertex as usize] += *normal * *angle;
         }
     }
-    (weighted.into_iter().map(|(normal, _)| normal).collect(), vertex_normals)
+    (face_normals, vertex_normals)
 }
 
 /// Buckets half-edges by their lower vertex and ties those with the same higher vertex into rings.

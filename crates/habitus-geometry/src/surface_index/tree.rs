@@ -148,9 +148,9 @@ impl Bounds {
     }
 
     /// The box around points that lie four by four in lanes.
-    pub fn around(points: impl Iterator<Item = Lanes>) -> Self {
-        let mut low = [Vec4::INFINITY; 3];
-        let mut high = [Vec4::NEG_INFINITY; 3];
+    #[inline(always)]
+    pub fn around<'a>(points: impl Iterator<Item = &'a Lanes>) -> Self {
+        let (mut low, mut high) = ([Vec4::INFINITY; 3], [Vec4::NEG_INFINITY; 3]);
         for four in points {
             for (axis, coordinates) in [four.x, four.y, four.z].into_iter().enumerate() {
                 low[axis] = low[axis].min(coordinates);
@@ -163,16 +163,30 @@ impl Bounds {
 
 /// A primitive while it is being sorted: its centre and its index.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Centre {
-    pub position: [f32; 3],
-    pub index: u32,
+struct Centre {
+    /// In steps of 2⁻³⁰ units of the frame, as integers are compared sooner.
+    position: [i32; 3],
+    index: u32,
+}
+
+impl Centre {
+    /// What decides the order along an axis. Equal centres are told apart by index, so that the order never hangs on the
+    /// thread count.
+    #[inline(always)]
+    fn key(&self, axis: usize) -> i64 {
+        i64::from(self.position[axis]) << 32 | i64::from(self.index)
+    }
 }
 
 /// The order of primitives in which each run of four is one packet and each run of sixteen one group.
 pub(super) fn packet_order(centres: impl Iterator<Item = DVec3>) -> Vec<u32> {
+    const STEPS: f64 = (1 << 30) as f64;
     let mut centres: Vec<Centre> = centres
         .enumerate()
-        .map(|(index, centre)| Centre { position: centre.as_vec3().to_array(), index: index as u32 })
+        .map(|(index, centre)| Centre {
+            position: (centre * STEPS).as_ivec3().to_array(),
+            index: index as u32,
+        })
         .collect();
     split(&mut centres);
     centres.iter().map(|centre| centre.index).collect()
@@ -190,10 +204,7 @@ fn split(centres: &mut [Centre]) {
     let axis = widest_axis(centres);
     let unit = if centres.len() > GROUP { GROUP } else { LANES };
     let middle = left_half(centres.len().div_ceil(unit)) * unit;
-    // Equal centres are told apart by index, so that the order never hangs on the thread count.
-    centres.select_nth_unstable_by(middle, |first, second| {
-        first.position[axis].total_cmp(&second.position[axis]).then(first.index.cmp(&second.index))
-    });
+    centres.select_nth_unstable_by_key(middle, |centre| centre.key(axis));
     let (left, right) = centres.split_at_mut(middle);
     if left.len() >= PARALLEL_FROM {
         rayon::join(|| split(left), || split(right));
@@ -204,14 +215,14 @@ fn split(centres: &mut [Centre]) {
 }
 
 fn widest_axis(centres: &[Centre]) -> usize {
-    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
     for centre in centres {
         for axis in 0..3 {
             low[axis] = low[axis].min(centre.position[axis]);
             high[axis] = high[axis].max(centre.position[axis]);
         }
     }
-    let width = |axis: usize| high[axis] - low[axis];
+    let width = |axis: usize| i64::from(high[axis]) - i64::from(low[axis]);
     (0..3).fold(0, |widest, axis| if width(axis) > width(widest) { axis } else { widest })
 }
 

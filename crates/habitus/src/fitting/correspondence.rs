@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 use habitus_geometry::SurfaceIndex;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// A vertex and its closest point on the capture, frozen for one solve.
@@ -47,21 +46,11 @@ pub struct ClosestField {
 impl ClosestField {
     /// Finds the closest point of each vertex; an earlier field of the same capture speeds it up.
     pub fn find(index: &SurfaceIndex, vertices: &[DVec3], earlier: Option<&Self>) -> Self {
-        const CHUNK: usize = 512;
+        let hints: Option<Vec<u32>> = earlier
+            .filter(|field| field.points.len() == vertices.len())
+            .map(|field| field.points.iter().map(|point| point.face).collect());
         let mut points = Vec::with_capacity(vertices.len());
-        match earlier.filter(|field| field.points.len() == vertices.len()) {
-            Some(field) => vertices
-                .par_iter()
-                .zip(&field.points)
-                .with_min_len(CHUNK)
-                .map(|(vertex, hint)| index.closest_warm(*vertex, hint.face))
-                .collect_into_vec(&mut points),
-            None => vertices
-                .par_iter()
-                .with_min_len(CHUNK)
-                .map(|vertex| index.closest(*vertex))
-                .collect_into_vec(&mut points),
-        }
+        index.closest_many(vertices, hints.as_deref(), &mut points);
         Self { points }
     }
 
