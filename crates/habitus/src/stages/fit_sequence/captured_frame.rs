@@ -73,13 +73,6 @@ fn is_limb_like(index: &SurfaceIndex, position: DVec3, normal: DVec3) -> bool {
     })
 }
 
-/// Whether samples must know if they are limb-like; it takes rays, and only tracking and the verdict ask.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum LimbSearch {
-    Wanted,
-    Unneeded,
-}
-
 /// A frame that is ready to be fitted.
 pub(super) struct CapturedFrame {
     pub index: SurfaceIndex,
@@ -133,13 +126,12 @@ impl CapturedFrame {
         fit_from_input: &FitFromInput,
         config: &FrameConfig,
         (seed, name): (u64, &str),
-        limbs: LimbSearch,
     ) -> Result<Self, FitSequenceError> {
         let capture_scale = capture_scale(&surface, fit_from_input.usual_size);
         let fit_from_input = &fit_from_input.rescaled(capture_scale);
         match surface {
             Surface::Mesh(mesh) => {
-                let frame = Self::of_mesh(mesh, fit_from_input, config, (seed, name), limbs)?;
+                let frame = Self::of_mesh(mesh, fit_from_input, config, (seed, name))?;
                 Ok(Self { capture_scale, ..frame })
             }
             Surface::Cloud(cloud) => {
@@ -178,7 +170,6 @@ impl CapturedFrame {
         fit_from_input: &FitFromInput,
         config: &FrameConfig,
         (seed, name): (u64, &str),
-        limbs: LimbSearch,
     ) -> Result<Self, FitSequenceError> {
         let (mut positions, faces) = mesh.into_parts();
         for position in &mut positions {
@@ -200,7 +191,7 @@ impl CapturedFrame {
             .into_iter()
             .map(|(position, face)| {
                 let normal = normals[face as usize];
-                let is_limb_like = limbs == LimbSearch::Wanted && is_limb_like(&index, position, normal);
+                let is_limb_like = is_limb_like(&index, position, normal);
                 CaptureSample { position, normal, is_limb_like }
             })
             .collect();

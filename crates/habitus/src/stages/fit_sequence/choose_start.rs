@@ -102,7 +102,7 @@ impl Stage<'_> {
         for frame in 0..self.source.len() {
             let captures: Result<Vec<CapturedFrame>, FitSequenceError> = orientations
                 .iter()
-                .map(|orientation| self.load(frame, &orientation.fit_from_input))
+                .map(|orientation| self.read(frame, &orientation.fit_from_input))
                 .collect();
             match captures {
                 Ok(captures) => return Ok(FirstFrame { frame, orientations, captures }),

@@ -254,7 +254,7 @@ mod tests {
     use glam::DMat3;
     use habitus_geometry::{Surface, TriangleMesh};
 
-    use super::super::captured_frame::{FitFromInput, LimbSearch};
+    use super::super::captured_frame::FitFromInput;
     use super::super::config::{CodeThresholds, FrameConfig};
     use super::*;
     use crate::body::BodyModel;
@@ -279,8 +279,7 @@ mod tests {
             usual_size: super::super::captured_frame::size_of(&surface),
         };
         let config = FrameConfig::default();
-        CapturedFrame::prepare(surface, &fit_from_input, &config, (1, "body"), LimbSearch::Unneeded)
-            .expect("a frame")
+        CapturedFrame::prepare(surface, &fit_from_input, &config, (1, "body")).expect("a frame")
     }
 
     #[test]

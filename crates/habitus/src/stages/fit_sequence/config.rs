@@ -120,7 +120,7 @@ impl Default for FrameConfig {
             smallest_component_share: 0.02,
             sample_count: 1200,
             normal_neighbours: 12,
-            kept_primitives: 1_500_000,
+            kept_primitives: 4_000_000,
         }
     }
 }

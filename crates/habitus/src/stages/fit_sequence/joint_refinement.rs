@@ -4,15 +4,14 @@ use habitus_optimize::{Event, Observer};
 use nalgebra::DMatrix;
 
 use super::body_levels::{BodyLevel, RestBody};
-use super::captured_frame::LimbSearch;
+use super::captured_frame::FitFromInput;
 use super::clearances::Clearances;
-use super::kept_captures::KeptCaptures;
 use super::local_body::LocalBody;
 use super::refine_identity::{Contact, IdentityStep, refine_pass, spread};
 use super::{FitSequenceError, Stage, Track, progress};
 
 /// What the passes hand on to one another.
-struct Refinement<'a> {
+struct Refinement {
     /// Frames that take part.
     frames: Vec<usize>,
     /// Poses of all frames as they were tracked.
@@ -21,7 +20,7 @@ struct Refinement<'a> {
     poses: Vec<Vec<f64>>,
     /// What the last pass saw between skin and cloth.
     clearances: Option<Clearances>,
-    captures: KeptCaptures<'a>,
+    fit_from_input: FitFromInput,
 }
 
 /// What one pass fits.
@@ -50,9 +49,10 @@ impl Stage<'_> {
             return Ok(());
         }
         let tracked: Vec<Vec<f64>> = track.frames.iter().map(|frame| frame.pose.clone()).collect();
-        let captures = KeptCaptures::new(self, track.orientation.fit_from_input, LimbSearch::Unneeded);
+        self.captures.prefer(&frames);
         let poses = tracked.clone();
-        let mut state = Refinement { frames, tracked, poses, clearances: None, captures };
+        let fit_from_input = track.orientation.fit_from_input;
+        let mut state = Refinement { frames, tracked, poses, clearances: None, fit_from_input };
         let outside_share = self.refine_in_space(track, &mut state, observer)?;
         // Whom the space does not get inside is no person of it: local shapes must not hide that.
         if outside_share <= self.config.refine.local_outside_share {
@@ -68,7 +68,7 @@ impl Stage<'_> {
     fn refine_in_space(
         &self,
         track: &mut Track,
-        state: &mut Refinement<'_>,
+        state: &mut Refinement,
         observer: &mut dyn Observer,
     ) -> Result<f64, FitSequenceError> {
         let config = &self.config.refine;
@@ -89,7 +89,7 @@ impl Stage<'_> {
     fn refine_local_shapes(
         &self,
         track: &mut Track,
-        state: &mut Refinement<'_>,
+        state: &mut Refinement,
         observer: &mut dyn Observer,
     ) -> Result<(), FitSequenceError> {
         let config = &self.config.refine;
@@ -117,7 +117,7 @@ impl Stage<'_> {
     fn pass(
         &self,
         pass: &Pass<'_>,
-        state: &mut Refinement<'_>,
+        state: &mut Refinement,
         observer: &mut dyn Observer,
     ) -> Result<IdentityStep, FitSequenceError> {
         let config = &self.config.refine;
@@ -125,7 +125,7 @@ impl Stage<'_> {
         // The final pass over all frames comes after these.
         progress(observer, "refine", pass.index, count + 1)?;
         let solver = self.solver_of(pass.level, &self.refine_surface, pass.body)?;
-        let load = |frame: usize| state.captures.load(frame).ok();
+        let load = |frame: usize| self.load(frame, &state.fit_from_input).ok();
         let prior = |frame: usize| self.smoothness_prior(&state.tracked, frame);
         let contact =
             Contact { earlier: state.clearances.as_ref(), scale: pass.scale, posture: pass.posture };

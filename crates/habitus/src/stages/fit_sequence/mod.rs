@@ -25,6 +25,8 @@ mod smooth_motion;
 mod start_search;
 mod track_pose;
 
+use std::sync::Arc;
+
 use glam::DVec3;
 use habitus_geometry::MeshError;
 use habitus_optimize::{Event, Flow, Observer, SolveError};
@@ -34,10 +36,11 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use self::body_levels::{BodyLevel, PreparedIdentity, RestBody};
-use self::captured_frame::{CapturedFrame, FitFromInput, LimbSearch};
+use self::captured_frame::{CapturedFrame, FitFromInput};
 pub use self::config::FitSequenceConfig;
 use self::config::{Recipe, SurfaceConfig};
 use self::frame_codes::{FrameQuality, is_temporal_jump, judge_frame};
+use self::kept_captures::KeptCaptures;
 use self::orientation::{Orientation, move_root};
 use self::pose_solver::{GivenLandmark, PosePrior, PoseSolver};
 pub use self::puppet::{PuppetFrame, follow_with_puppet};
@@ -167,6 +170,7 @@ struct Stage<'a> {
     config: &'a FitSequenceConfig,
     user_landmarks: &'a [UserLandmark],
     component_count: usize,
+    captures: KeptCaptures,
     /// Few vertices, for the first rounds of tracking.
     coarse: BodyLevel,
     /// The surface energy of the joint refinement.
@@ -213,6 +217,7 @@ impl<'a> Stage<'a> {
             config,
             user_landmarks,
             component_count,
+            captures: KeptCaptures::new(config.frame.kept_primitives),
             refine_surface: SurfaceConfig {
                 outside_weight: config.refine.outside_weight,
                 bare_capture_weight: config.refine.bare_capture_weight,
@@ -235,21 +240,20 @@ impl<'a> Stage<'a> {
         }
     }
 
-    fn load(&self, frame: usize, fit_from_input: &FitFromInput) -> Result<CapturedFrame, FitSequenceError> {
-        self.load_with(frame, fit_from_input, LimbSearch::Wanted)
-    }
-
-    fn load_with(
+    /// The capture of a frame, from memory if it is there.
+    fn load(
         &self,
         frame: usize,
         fit_from_input: &FitFromInput,
-        limbs: LimbSearch,
-    ) -> Result<CapturedFrame, FitSequenceError> {
+    ) -> Result<Arc<CapturedFrame>, FitSequenceError> {
+        self.captures.get_or_read(frame, fit_from_input, || self.read(frame, fit_from_input))
+    }
+
+    fn read(&self, frame: usize, fit_from_input: &FitFromInput) -> Result<CapturedFrame, FitSequenceError> {
         let name = self.source.name(frame);
         let surface = self.source.surface(frame)?;
         let identifier = (self.config.seed, &name[..]);
-        let mut capture =
-            CapturedFrame::prepare(surface, fit_from_input, &self.config.frame, identifier, limbs)?;
+        let mut capture = CapturedFrame::prepare(surface, fit_from_input, &self.config.frame, identifier)?;
         let names = &self.model.metadata().landmarks;
         for given in self.user_landmarks.iter().filter(|given| given.frame == name) {
             if let Some(landmark) = names.iter().position(|name| *name == given.landmark) {

@@ -256,7 +256,7 @@ mod tests {
     use glam::DMat3;
     use habitus_geometry::{Surface, TriangleMesh};
 
-    use super::super::captured_frame::{FitFromInput, LimbSearch, size_of};
+    use super::super::captured_frame::{FitFromInput, size_of};
     use super::super::config::FrameConfig;
     use super::*;
     use crate::body::BodyModel;
@@ -286,13 +286,8 @@ mod tests {
                 translation: DVec3::ZERO,
                 usual_size: size_of(&capture),
             };
-            let frame = CapturedFrame::prepare(
-                capture,
-                &fit_from_input,
-                &FrameConfig::default(),
-                (1, "body"),
-                LimbSearch::Unneeded,
-            );
+            let frame =
+                CapturedFrame::prepare(capture, &fit_from_input, &FrameConfig::default(), (1, "body"));
             let frame = frame.expect("a frame");
             let found = vec![0.0; model.skeleton().pose_length()];
             let solved = solver.polish_found_pose(&frame, found, &PosePrior::default(), 12);

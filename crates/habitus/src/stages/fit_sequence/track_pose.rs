@@ -1,5 +1,6 @@
 //! Estimates a first identity and tracks the pose through the sequence (P2 §4.5).
 
+use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
 
 use glam::DVec3;
@@ -7,9 +8,8 @@ use habitus_optimize::Observer;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::captured_frame::{CapturedFrame, LimbSearch};
+use super::captured_frame::CapturedFrame;
 use super::choose_start::Started;
-use super::kept_captures::KeptCaptures;
 use super::orientation::Orientation;
 use super::pose_solver::{PosePrior, PoseSolution, PoseSolver};
 use super::refine_identity::Contact;
@@ -154,9 +154,9 @@ impl Stage<'_> {
         let mut recent = Recent::of_start(pose);
         let mut poses: Vec<Vec<f64>> = vec![pose.to_vec()];
         let mut energies = Vec::new();
-        let captures = KeptCaptures::new(self, track.orientation.fit_from_input, LimbSearch::Wanted);
+        let fit_from_input = track.orientation.fit_from_input;
         for frame in first_frame..last {
-            if let Ok(capture) = captures.load(frame) {
+            if let Ok(capture) = self.load(frame, &fit_from_input) {
                 let solution = self.track_frame(&solver, &capture, &mut recent)?;
                 energies.push((poses.len(), solution.energy));
                 recent.push(solution.pose);
@@ -176,7 +176,7 @@ impl Stage<'_> {
         let mut clearances = None;
         for pass in 0..config.initial_passes {
             let solver = self.solver(&track.identity)?;
-            let load = |position: usize| captures.load(first_frame + position - 1).ok();
+            let load = |position: usize| self.load(first_frame + position - 1, &fit_from_input).ok();
             let prior = |position: usize| self.smoothness_prior(&tracked, position);
             let (step, seen) = super::refine_identity::refine_pass(
                 &solver,
@@ -260,7 +260,7 @@ impl Stage<'_> {
         search: &StartSearch<'_>,
         started: &Started,
         frames: &[TrackedFrame],
-        capture: Result<CapturedFrame, FitSequenceError>,
+        capture: Result<Arc<CapturedFrame>, FitSequenceError>,
     ) -> Result<TrackedFrame, FitSequenceError> {
         let mut recent = if frames.len() > started.first_frame {
             Recent::of_frames(frames)

@@ -1,7 +1,7 @@
 use glam::DMat3;
 use habitus_geometry::{Surface, TriangleMesh};
 
-use super::super::captured_frame::{FitFromInput, LimbSearch, size_of};
+use super::super::captured_frame::{FitFromInput, size_of};
 use super::super::config::{FrameConfig, StartConfig};
 use super::super::start_search::StartSearch;
 use super::stitching::{seam_to_child, seam_to_parent};
@@ -43,8 +43,8 @@ fn capture(model: &BodyModel, identity: &[f64], pose: &[f64], ease: f64) -> Capt
         usual_size: size_of(&Surface::Mesh(mesh.clone())),
     };
     let surface = Surface::Mesh(mesh);
-    let (frame, limbs) = (FrameConfig::default(), LimbSearch::Unneeded);
-    CapturedFrame::prepare(surface, &fit_from_input, &frame, (1, "body"), limbs).expect("a frame")
+    let frame = FrameConfig::default();
+    CapturedFrame::prepare(surface, &fit_from_input, &frame, (1, "body")).expect("a frame")
 }
 
 /// One arm forward, a knee bent, turned by 2 rad.
