@@ -41,7 +41,7 @@ pub struct BenchmarkArguments {
     /// How to fit; may be repeated [default: default]
     #[arg(long = "recipe", value_enum)]
     pub recipes: Vec<RecipeName>,
-    /// A further way to fit: a file of settings, named by its stem; may be repeated
+    /// A further way to fit: a file of settings, instead of --config and named by its stem; may be repeated
     #[arg(long = "variant", value_name = "FILE")]
     pub variants: Vec<PathBuf>,
     /// Only sequences whose name holds this text; may be repeated, one of them is enough
@@ -53,7 +53,7 @@ pub struct BenchmarkArguments {
     /// Body model [default: the one inside the program]
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
-    /// Settings of the stage, for all ways to fit
+    /// Settings of the stage: --config for the recipes, --set for all ways to fit
     #[command(flatten)]
     pub settings: SettingsArguments,
 }
