@@ -413,6 +413,9 @@ pub struct RefineConfig {
     pub limb_direction_deg: f64,
     /// Pose rounds on each frame before its equations are taken.
     pub pose_rounds: usize,
+    /// Steps of the identity over what the quadratic of a pass asks for: where surfaces slide along one another, passes come
+    /// near from one side, and slowly. Between 1 and 2.
+    pub over_relaxation: f64,
     /// Standard deviation of a trustworthy residual.
     pub residual_deviation: f64,
     /// Independent residuals in a frame: neighbours err together, so far fewer than vertices.
@@ -471,13 +474,14 @@ impl Default for RefineConfig {
             initial_passes: 4,
             vertex_count: 2400,
             frame_limit: 28,
-            passes: 8,
-            local_passes: 4,
+            passes: 10,
+            local_passes: 6,
             local_outside_share: 0.05,
             local: LocalShapeConfig::default(),
             posture_deg: 0.2,
             limb_direction_deg: 0.5,
-            pose_rounds: 2,
+            pose_rounds: 1,
+            over_relaxation: 1.6,
             residual_deviation: 0.006,
             independent_residuals: 500.0,
             error_over_curvature: 2.0,

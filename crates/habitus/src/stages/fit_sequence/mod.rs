@@ -38,7 +38,7 @@ use thiserror::Error;
 use self::body_levels::{BodyLevel, PreparedIdentity, RestBody};
 use self::captured_frame::{CapturedFrame, FitFromInput};
 pub use self::config::FitSequenceConfig;
-use self::config::{Recipe, SurfaceConfig};
+use self::config::{CodeThresholds, Recipe, SurfaceConfig};
 use self::frame_codes::{FrameQuality, is_temporal_jump, judge_frame};
 use self::kept_captures::KeptCaptures;
 use self::orientation::{Orientation, move_root};
@@ -51,6 +51,7 @@ use crate::artifacts::fitted_sequence::{FittedFrame, FittedSequence, Landmark, S
 use crate::artifacts::frames::{FrameError, FrameSource};
 use crate::artifacts::journal::Journal;
 use crate::body::{BodyModel, IdentityCoefficients};
+use crate::fitting::correspondence::ClosestField;
 
 /// Why a sequence cannot be fitted.
 #[derive(Debug, Error)]
@@ -370,10 +371,10 @@ impl<'a> Stage<'a> {
         })
     }
 
-    /// Pose rounds at medium resolution, one at full, and the verdict on the frame.
+    /// The final pose of a frame and the verdict on it.
     fn finish_frame(
         &self,
-        [medium, full]: [&PoseSolver<'_>; 2],
+        solvers: [&PoseSolver<'_>; 2],
         tracked: &TrackedFrame,
         frame: usize,
         smoothed: &[f64],
@@ -383,25 +384,51 @@ impl<'a> Stage<'a> {
             Ok(capture) if tracked.error.is_none() => capture,
             _ => return Ok((tracked.pose.clone(), None)),
         };
-        let mut thresholds = self.config.codes.clone();
-        let (pose, field) = if self.config.recipe == Recipe::Paper2016 {
+        let (pose, quality) = if self.config.recipe == Recipe::Paper2016 {
             // The paper's energies do not promise a body inside; only a grossly wrong one counts as failed.
-            thresholds.outside_share_5mm = 1.0;
-            (tracked.pose.clone(), None)
+            let thresholds = CodeThresholds { outside_share_5mm: 1.0, ..self.config.codes.clone() };
+            let pose = tracked.pose.clone();
+            let quality = self.judge(solvers[1], &capture, (&pose, None), &thresholds);
+            (pose, quality)
         } else {
-            let prior = PosePrior {
-                motion: Some((smoothed.to_vec(), self.config.refine.smoothing_stiffness)),
-                landmarks: capture.landmarks.clone(),
-                ..self.rest_prior(smoothed.len())
-            };
-            let rounds = self.config.refine.final_rounds;
-            let (pose, _) = medium.polish_found_pose(&capture, smoothed.to_vec(), &prior, rounds)?;
-            full.polish_found_pose(&capture, pose, &prior, 1)?
+            let motion = Some((smoothed.to_vec(), self.config.refine.smoothing_stiffness));
+            let smooth = self.settle_pose(solvers, &capture, smoothed, motion)?;
+            if smooth.1.codes.contains(&Code::BodyOutsideCapture) {
+                // The person may have moved faster than the parabola: then the capture alone decides.
+                let own = self.settle_pose(solvers, &capture, &tracked.pose, None)?;
+                if own.1.outside_share_5mm < smooth.1.outside_share_5mm { own } else { smooth }
+            } else {
+                smooth
+            }
         };
-        let surface = &self.config.surface;
-        let quality =
-            judge_frame(self.model, &full.fine, &capture, (&pose, field.as_ref()), surface, &thresholds);
         Ok((pose, Some(quality)))
+    }
+
+    /// Pose rounds at medium resolution, one at full, and the verdict.
+    fn settle_pose(
+        &self,
+        [medium, full]: [&PoseSolver<'_>; 2],
+        capture: &CapturedFrame,
+        start: &[f64],
+        motion: Option<(Vec<f64>, [f64; 3])>,
+    ) -> Result<(Vec<f64>, FrameQuality), FitSequenceError> {
+        let landmarks = capture.landmarks.clone();
+        let prior = PosePrior { motion, landmarks, ..self.rest_prior(start.len()) };
+        let rounds = self.config.refine.final_rounds;
+        let (pose, _) = medium.polish_found_pose(capture, start.to_vec(), &prior, rounds)?;
+        let (pose, field) = full.polish_found_pose(capture, pose, &prior, 1)?;
+        let quality = self.judge(full, capture, (&pose, field.as_ref()), &self.config.codes);
+        Ok((pose, quality))
+    }
+
+    fn judge(
+        &self,
+        full: &PoseSolver<'_>,
+        capture: &CapturedFrame,
+        found: (&[f64], Option<&ClosestField>),
+        thresholds: &CodeThresholds,
+    ) -> FrameQuality {
+        judge_frame(self.model, &full.fine, capture, found, &self.config.surface, thresholds)
     }
 
     fn fitted_frame(

@@ -34,8 +34,41 @@ struct FrameShare {
     moments: ShapeMoments,
     clearance: Vec<f64>,
     pose: Vec<f64>,
+    response: Option<PoseResponse>,
     energy: f64,
     vertex_count: usize,
+}
+
+/// How the pose of a frame answers a step of the identity, in the quadratic that both share.
+struct PoseResponse {
+    /// Minus the step of the pose if the identity stays.
+    alone: DVector<f64>,
+    /// Minus the step for a step of one in each coefficient.
+    by_identity: DMatrix<f64>,
+}
+
+impl PoseResponse {
+    /// Takes from the identity's equations what the pose can explain; nothing if the pose's own do not determine it.
+    fn eliminating_pose(
+        pose_matrix: DMatrix<f64>,
+        pose_gradient: &DVector<f64>,
+        pose_identity: &DMatrix<f64>,
+        (identity_matrix, identity_gradient): (&mut DMatrix<f64>, &mut DVector<f64>),
+    ) -> Option<Self> {
+        let factor = pose_matrix.cholesky()?;
+        let (alone, by_identity) = (factor.solve(pose_gradient), factor.solve(pose_identity));
+        identity_matrix.gemm_tr(-1.0, pose_identity, &by_identity, 1.0);
+        identity_gradient.gemv_tr(-1.0, &by_identity, pose_gradient, 1.0);
+        Some(Self { alone, by_identity })
+    }
+
+    /// Moves the pose to where it is best after the identity has moved, inside its limits.
+    fn follow(&self, identity_step: &DVector<f64>, pose: &mut [f64], (lower, upper): &(Vec<f64>, Vec<f64>)) {
+        let back = &self.alone + &self.by_identity * identity_step;
+        for (k, value) in pose.iter_mut().enumerate() {
+            *value = (*value - back[k]).clamp(lower[k], upper[k]);
+        }
+    }
 }
 
 /// How covered vertices are drawn to the cloth in a pass.
@@ -60,7 +93,8 @@ pub(super) struct IdentityStep {
     pub outside_share_5mm: f64,
 }
 
-/// One pass over frames: polish each pose, take its equations, eliminate the pose, step the identity in its box.
+/// One pass over frames: polish each pose, take its equations, eliminate the pose, step the identity in its box and let the
+/// poses follow.
 ///
 /// `frames` yields (position in `poses`, capture); a frame that cannot be read is left out by returning `None`. With the step
 /// comes what the frames saw between skin and cloth, for the next pass.
@@ -81,6 +115,7 @@ pub(super) fn refine_pass(
     let mut moments = ShapeMoments::new(surface.vertex_count());
     let mut clearances = Clearances::new(surface.vertex_count());
     let (mut energy, mut vertex_count, mut frame_count, mut outside_count) = (0.0, 0, 0, 0);
+    let mut responses = Vec::new();
     for batch in frames.chunks(BATCH) {
         let shares: Vec<Result<Option<FrameShare>, FitSequenceError>> = batch
             .par_iter()
@@ -100,6 +135,7 @@ pub(super) fn refine_pass(
             clearances.add(&share.clearance);
             outside_count += share.clearance.iter().filter(|clearance| **clearance < -OUTSIDE_DEPTH).count();
             poses[*frame] = share.pose;
+            responses.extend(share.response.map(|response| (*frame, response)));
             energy += share.energy;
             vertex_count += share.vertex_count;
             frame_count += 1;
@@ -111,6 +147,12 @@ pub(super) fn refine_pass(
     moments.apply(surface, Some(&mut matrix), gradient.as_mut_slice());
     let (coefficients, covariance) =
         identity_step(&body.coefficients, matrix, gradient, contact.posture, vertex_count, config)?;
+    let moved = coefficients.iter().zip(&body.coefficients).map(|(next, z)| next - z);
+    let moved = DVector::from_iterator(width, moved);
+    let limits = surface.skeleton().pose_limits();
+    for (frame, response) in responses {
+        response.follow(&moved, &mut poses[frame], &limits);
+    }
     let energy = energy / vertex_count.max(1) as f64;
     let outside_share_5mm = outside_count as f64 / vertex_count.max(1) as f64;
     Ok((IdentityStep { coefficients, covariance, energy, outside_share_5mm }, clearances))
@@ -143,7 +185,8 @@ fn identity_step(
     let lower: Vec<f64> = identity.iter().map(|z| -limit - z).collect();
     let upper: Vec<f64> = identity.iter().map(|z| limit - z).collect();
     let step = minimize_box_quadratic(&symmetric, &gradient, &lower, &upper)?;
-    let next = identity.iter().zip(step.step.iter()).map(|(z, d)| (z + d).clamp(-limit, limit)).collect();
+    let relaxed = |(z, step): (&f64, &f64)| (z + config.over_relaxation * step).clamp(-limit, limit);
+    let next = identity.iter().zip(step.step.iter()).map(relaxed).collect();
     Ok((next, stated_covariance(&symmetric, config.error_over_curvature)))
 }
 
@@ -200,17 +243,19 @@ fn frame_share(
         equations.pose_matrix[(k, k)] = diagonal * (1.0 + 1e-6) + 1e-9;
     }
     let (mut matrix, mut gradient) = (equations.identity_matrix, equations.identity_gradient);
-    if let Some(factor) = equations.pose_matrix.cholesky() {
-        let eliminated = factor.solve(&equations.pose_identity);
-        matrix.gemm_tr(-1.0, &equations.pose_identity, &eliminated, 1.0);
-        gradient.gemv_tr(-1.0, &eliminated, &equations.pose_gradient, 1.0);
-    }
+    let response = PoseResponse::eliminating_pose(
+        equations.pose_matrix,
+        &equations.pose_gradient,
+        &equations.pose_identity,
+        (&mut matrix, &mut gradient),
+    );
     Ok(FrameShare {
         matrix,
         gradient,
         moments: assembly.into_moments(),
         clearance,
         pose,
+        response,
         energy: equations.value,
         vertex_count: vertices.len(),
     })
@@ -257,6 +302,32 @@ pub(super) fn signed_distances(field: &ClosestField, vertices: &[DVec3]) -> Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn identity_and_the_poses_that_follow_it_reach_the_minimum_of_both() {
+        // Any positive definite quadratic in three pose parameters and two coefficients.
+        let root = DMatrix::from_fn(5, 5, |row, column| ((3 * row + 5 * column) as f64).sin());
+        let matrix = &root.transpose() * &root + DMatrix::identity(5, 5);
+        let gradient = DVector::from_fn(5, |row, _| (row as f64).cos());
+        let minimum = -matrix.clone().cholesky().expect("positive definite").solve(&gradient);
+        let mut identity_matrix = matrix.view((3, 3), (2, 2)).into_owned();
+        let mut identity_gradient = gradient.rows(3, 2).into_owned();
+        let response = PoseResponse::eliminating_pose(
+            matrix.view((0, 0), (3, 3)).into_owned(),
+            &gradient.rows(0, 3).into_owned(),
+            &matrix.view((0, 3), (3, 2)).into_owned(),
+            (&mut identity_matrix, &mut identity_gradient),
+        );
+        let step = -identity_matrix.cholesky().expect("positive definite").solve(&identity_gradient);
+        let mut pose = vec![0.0; 3];
+        let limits = (vec![-9.0, -9.0, 0.1 + minimum[2]], vec![9.0; 3]);
+        response.expect("a determined pose").follow(&step, &mut pose, &limits);
+        for (found, expected) in step.iter().zip(minimum.rows(3, 2).iter()) {
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        }
+        assert!((pose[0] - minimum[0]).abs() < 1e-12 && (pose[1] - minimum[1]).abs() < 1e-12);
+        assert_eq!(pose[2], limits.0[2], "a limit holds");
+    }
 
     #[test]
     fn a_doubted_curvature_doubles_what_is_well_known_and_leaves_what_only_the_population_knows() {
