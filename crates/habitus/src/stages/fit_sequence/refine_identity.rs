@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::FitSequenceError;
 use super::captured_frame::CapturedFrame;
 use super::clearances::Clearances;
-use super::clothed_surface::{Inside, bare_capture_pairs, weigh_one_sided};
+use super::clothed_surface::{Inside, bare_capture_pairs, sole_pairs, weigh_one_sided};
 use super::config::RefineConfig;
 use super::pose_solver::{PosePrior, PoseSolver};
 use crate::body::{IdentityCoefficients, ROOT_LENGTH};
@@ -227,8 +227,12 @@ fn frame_share(
     }
     pairs.extend(bare_capture_pairs(body.level, capture, &vertices, &normals, solver.surface));
     let closest = ClosestPoints::new(&pairs, DistanceForm::Plane);
+    let soles = sole_pairs(body.level, capture, &vertices, solver.surface);
+    let soles = ClosestPoints::new(&soles, DistanceForm::Point);
     let mut assembly = BodyAssembly::new(surface, Gather::PoseAndIdentity, true);
-    assembly.add(surface, &posed, &body.rest, &vertices, closest.residuals());
+    for term in [&closest, &soles] {
+        assembly.add(surface, &posed, &body.rest, &vertices, term.residuals());
+    }
     let mut equations = assembly.equations(surface, &posed);
     let count = vertices.len() as f64;
     for (target, stiffness) in &prior.angles {
