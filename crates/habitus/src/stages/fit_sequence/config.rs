@@ -353,6 +353,12 @@ pub struct TrackConfig {
     pub rest_stiffness: f64,
     /// Share of the last frame's motion that the prediction continues.
     pub velocity: f64,
+    /// A frame whose joints, where its neighbours in time expect them, are farther than this from where they were tracked is
+    /// tracked again from that side.
+    pub second_look_distance: f64,
+    /// What the second difference in time of the joint that has the largest costs when two ways through the frames are
+    /// compared, per square metre, beside the energies.
+    pub unevenness_weight: f64,
     /// A joint that polishing a found pose moves farther than this, metres, has been thrown, and the pose stays.
     pub farthest_polish: f64,
 }
@@ -380,7 +386,9 @@ impl Default for TrackConfig {
             capture_scale: [0.15, 0.05],
             prediction_stiffness: 2e-5,
             rest_stiffness: 2e-6,
-            velocity: 0.7,
+            velocity: 1.0,
+            second_look_distance: 0.05,
+            unevenness_weight: 1e-2,
             farthest_polish: 0.15,
         }
     }

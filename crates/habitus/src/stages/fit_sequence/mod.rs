@@ -21,6 +21,7 @@ mod paper2016;
 mod pose_solver;
 mod puppet;
 mod refine_identity;
+mod second_look;
 mod smooth_motion;
 mod start_search;
 mod track_pose;

@@ -17,6 +17,7 @@ use super::start_search::{Start, StartSearch};
 use super::{FitSequenceError, Stage, Track, progress};
 use crate::artifacts::fitted_sequence::StartReport;
 use crate::artifacts::journal::Journal;
+use crate::body::Skeleton;
 
 /// A frame that tracking has been through.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -45,6 +46,18 @@ impl TrackedFrame {
             capture_scale: 1.0,
             error,
             explains: false,
+        }
+    }
+
+    pub fn found(solution: PoseSolution, capture: &CapturedFrame, explains: bool) -> Self {
+        Self {
+            pose: solution.pose,
+            energy: solution.energy,
+            inlier_share: solution.inlier_share,
+            middle: capture.middle,
+            capture_scale: capture.capture_scale,
+            error: None,
+            explains,
         }
     }
 
@@ -106,6 +119,8 @@ impl Stage<'_> {
         };
         progress(observer, "start", 1, 1)?;
         self.track(&started, &mut frames, journal, observer)?;
+        let fit_from_input = &started.orientation.fit_from_input;
+        self.look_again(&started.identity, fit_from_input, &mut frames, observer)?;
         let width = started.identity.len();
         Ok(Track {
             orientation: started.orientation,
@@ -201,7 +216,7 @@ impl Stage<'_> {
     }
 
     /// Fits one frame from the prediction of the poses before it.
-    fn track_frame(
+    pub(super) fn track_frame(
         &self,
         solver: &PoseSolver<'_>,
         capture: &CapturedFrame,
@@ -209,8 +224,7 @@ impl Stage<'_> {
     ) -> Result<PoseSolution, FitSequenceError> {
         let config = &self.config.track;
         recent.follow(capture);
-        let before = recent.poses.len().checked_sub(2).map(|k| &recent.poses[k][..]);
-        let predicted = PoseSolver::predict(self.model.skeleton(), recent.last(), before, config.velocity);
+        let predicted = recent.predict(self.model.skeleton(), config.velocity);
         let prior = PosePrior {
             angles: vec![
                 (predicted.clone(), config.prediction_stiffness),
@@ -263,7 +277,7 @@ impl Stage<'_> {
         capture: Result<Arc<CapturedFrame>, FitSequenceError>,
     ) -> Result<TrackedFrame, FitSequenceError> {
         let mut recent = if frames.len() > started.first_frame {
-            Recent::of_frames(frames)
+            Recent::of_frames(frames.iter())
         } else {
             Recent::of_start(&started.pose)
         };
@@ -279,18 +293,10 @@ impl Stage<'_> {
             solution = self.restart(solver, search, &capture, recent.last(), solution)?;
         }
         let explains = !self.is_suspicious(&solution, usual);
-        Ok(TrackedFrame {
-            explains,
-            pose: solution.pose,
-            energy: solution.energy,
-            inlier_share: solution.inlier_share,
-            middle: capture.middle,
-            capture_scale: capture.capture_scale,
-            error: None,
-        })
+        Ok(TrackedFrame::found(solution, &capture, explains))
     }
 
-    fn is_suspicious(&self, solution: &PoseSolution, usual: Option<f64>) -> bool {
+    pub(super) fn is_suspicious(&self, solution: &PoseSolution, usual: Option<f64>) -> bool {
         solution.inlier_share < self.config.codes.inlier_share
             || solution.has_lost_a_limb
             || usual.is_some_and(|usual| solution.energy > SUSPICIOUS_RATIO * usual)
@@ -328,7 +334,7 @@ impl Stage<'_> {
 const TELEPORT: f64 = 0.4;
 
 /// The last poses, from which the next is predicted.
-struct Recent {
+pub(super) struct Recent {
     poses: Vec<Vec<f64>>,
     middle: Option<DVec3>,
 }
@@ -338,10 +344,18 @@ impl Recent {
         Self { poses: vec![pose.to_vec()], middle: None }
     }
 
-    fn of_frames(frames: &[TrackedFrame]) -> Self {
-        let last_two = frames.iter().skip(frames.len().saturating_sub(2));
-        let middle = frames.iter().rev().find(|frame| frame.error.is_none()).map(|frame| frame.middle);
-        Self { poses: last_two.map(|frame| frame.pose.clone()).collect(), middle }
+    /// Of frames in the order in which they are gone through; the last two count.
+    pub fn of_frames<'a>(frames: impl DoubleEndedIterator<Item = &'a TrackedFrame> + Clone) -> Self {
+        let middle = frames.clone().rev().find(|frame| frame.error.is_none()).map(|frame| frame.middle);
+        let mut poses: Vec<_> = frames.rev().take(2).map(|frame| frame.pose.clone()).collect();
+        poses.reverse();
+        Self { poses, middle }
+    }
+
+    /// Where the next pose is expected.
+    pub fn predict(&self, skeleton: &Skeleton, velocity: f64) -> Vec<f64> {
+        let before = self.poses.len().checked_sub(2).map(|k| &self.poses[k][..]);
+        PoseSolver::predict(skeleton, self.last(), before, velocity)
     }
 
     fn last(&self) -> &[f64] {
@@ -373,7 +387,7 @@ impl Recent {
 const INITIAL_SPREAD: usize = 8;
 
 /// The lower quartile over all trusted frames: a run of frames that drift off together must not become what is usual.
-fn usual_energy(frames: &[TrackedFrame]) -> Option<f64> {
+pub(super) fn usual_energy(frames: &[TrackedFrame]) -> Option<f64> {
     let mut energies: Vec<f64> =
         frames.iter().filter(|frame| frame.is_trusted()).map(|frame| frame.energy).collect();
     energies.sort_by(f64::total_cmp);
