@@ -79,59 +79,83 @@ pub fn sequence_accuracy(
     truth: &SequenceTruth,
     measurements: [&[Measurement]; 2],
 ) -> Result<SequenceAccuracy, AccuracyError> {
-    let sequence = &fit.sequence;
-    same("frames", sequence.frames.len(), truth.posed_vertices.len())?;
-    same("frames", sequence.frames.len(), truth.joints.len())?;
-    same("vertices", sequence.rest_vertices.len(), truth.rest_vertices.len())?;
-    same("joints", sequence.rest_joints.len(), truth.rest_joints.len())?;
-    let (mut posed, mut joints) = (Mean::default(), Mean::default());
-    let mut fitted_joints = Vec::with_capacity(truth.joints.len());
-    let mut true_joints = Vec::with_capacity(truth.joints.len());
-    for (frame, (vertices, joints_of_frame)) in truth.posed_vertices.iter().zip(&truth.joints).enumerate() {
-        same("vertices", sequence.rest_vertices.len(), vertices.len())?;
-        same("joints", sequence.rest_joints.len(), joints_of_frame.len())?;
+    ComparedSequence::new(fit, truth)?.accuracy(measurements)
+}
+
+/// One frame of a fit beside the truth.
+pub(super) struct ComparedFrame {
+    /// Distances of corresponding vertices of the posed bodies.
+    pub posed_mm: Vec<f64>,
+    /// Distances of corresponding joints.
+    pub joints_mm: Vec<f64>,
+    /// Fitted and true joints in internal coordinates, metres.
+    joints: [Vec<DVec3>; 2],
+}
+
+/// A fit beside the truth, which all errors of it are made from.
+pub(super) struct ComparedSequence {
+    pub frames: Vec<ComparedFrame>,
+    /// Distances of corresponding vertices of the centred rest bodies.
+    pub rest_mm: Vec<f64>,
+}
+
+impl ComparedSequence {
+    pub fn new(fit: &RiggedSequence, truth: &SequenceTruth) -> Result<Self, AccuracyError> {
+        let sequence = &fit.sequence;
+        same("frames", sequence.frames.len(), truth.posed_vertices.len())?;
+        same("frames", sequence.frames.len(), truth.joints.len())?;
+        same("vertices", sequence.rest_vertices.len(), truth.rest_vertices.len())?;
+        same("joints", sequence.rest_joints.len(), truth.rest_joints.len())?;
         let internal = |points: &[DVec3]| -> Vec<DVec3> {
             points.iter().map(|point| sequence.input_frame.to_internal(*point)).collect()
         };
-        posed.add_distances(&fit.posed_vertices(frame), &internal(vertices));
-        let (fitted, true_ones) = (fit.posed_skeleton(frame).joints, internal(joints_of_frame));
-        joints.add_distances(&fitted, &true_ones);
-        fitted_joints.push(fitted);
-        true_joints.push(true_ones);
+        let mut frames = Vec::with_capacity(sequence.frames.len());
+        for (frame, (vertices, joints)) in truth.posed_vertices.iter().zip(&truth.joints).enumerate() {
+            same("vertices", sequence.rest_vertices.len(), vertices.len())?;
+            same("joints", sequence.rest_joints.len(), joints.len())?;
+            let joints = [fit.posed_skeleton(frame).joints, internal(joints)];
+            frames.push(ComparedFrame {
+                posed_mm: distances_mm(&fit.posed_vertices(frame), &internal(vertices)),
+                joints_mm: distances_mm(&joints[0], &joints[1]),
+                joints,
+            });
+        }
+        let rest_mm = distances_mm(&centred(&sequence.rest_vertices), &centred(&truth.rest_vertices));
+        Ok(Self { frames, rest_mm })
     }
-    let rest = distances_mm(&centred(&sequence.rest_vertices), &centred(&truth.rest_vertices));
-    let stature = difference("stature", measurements)?;
-    let true_jitter = jitter(&true_joints);
-    Ok(SequenceAccuracy {
-        posed_mean_mm: posed.value() * 1000.0,
-        rest_mean_mm: mean(&rest),
-        rest_under_10mm: share_under_10mm(&rest),
-        mpjpe_mm: joints.value() * 1000.0,
-        stature_error_mm: stature * 1000.0,
-        girth_mean_error_mm: girth_error(measurements)? * 1000.0,
-        jitter_ratio: (true_jitter > 0.0).then(|| jitter(&fitted_joints) / true_jitter),
-    })
+
+    pub fn accuracy(&self, measurements: [&[Measurement]; 2]) -> Result<SequenceAccuracy, AccuracyError> {
+        // Frames have equally many vertices and joints: the mean of their means is that of all.
+        let mean_of = |distances: fn(&ComparedFrame) -> &[f64]| {
+            mean(&self.frames.iter().map(|frame| mean(distances(frame))).collect::<Vec<_>>())
+        };
+        let [fitted_jitter, true_jitter] = self.jitter_mm();
+        Ok(SequenceAccuracy {
+            posed_mean_mm: mean_of(|frame| &frame.posed_mm),
+            rest_mean_mm: mean(&self.rest_mm),
+            rest_under_10mm: share_under_10mm(&self.rest_mm),
+            mpjpe_mm: mean_of(|frame| &frame.joints_mm),
+            stature_error_mm: difference("stature", measurements)? * 1000.0,
+            girth_mean_error_mm: girth_error(measurements)? * 1000.0,
+            jitter_ratio: (true_jitter > 0.0).then(|| fitted_jitter / true_jitter),
+        })
+    }
+
+    /// Mean length of the second difference of fitted and of true joints over inner frames.
+    pub fn jitter_mm(&self) -> [f64; 2] {
+        [0, 1].map(|side| {
+            let lengths = self.frames.windows(3).flat_map(|frames| {
+                let [before, here, after] = [0, 1, 2].map(|frame: usize| &frames[frame].joints[side]);
+                (0..here.len())
+                    .map(|joint| (before[joint] + after[joint] - 2.0 * here[joint]).length() * 1000.0)
+            });
+            mean(&lengths.collect::<Vec<_>>())
+        })
+    }
 }
 
 fn same(what: &'static str, fitted: usize, truth: usize) -> Result<(), AccuracyError> {
     if fitted == truth { Ok(()) } else { Err(AccuracyError::Mismatch { what, fitted, truth }) }
-}
-
-#[derive(Default)]
-struct Mean {
-    sum: f64,
-    count: usize,
-}
-
-impl Mean {
-    fn add_distances(&mut self, a: &[DVec3], b: &[DVec3]) {
-        self.sum += a.iter().zip(b).map(|(a, b)| a.distance(*b)).sum::<f64>();
-        self.count += a.len();
-    }
-
-    fn value(&self) -> f64 {
-        self.sum / self.count.max(1) as f64
-    }
 }
 
 /// Distances of corresponding points, mm; as many as both have.
@@ -174,18 +198,6 @@ fn girth_error(measurements: [&[Measurement]; 2]) -> Result<f64, AccuracyError> 
         }
     }
     Ok(sum / GIRTHS.len() as f64)
-}
-
-/// Mean length of the second difference over joints and inner frames.
-pub(super) fn jitter(joints: &[Vec<DVec3>]) -> f64 {
-    let mut mean = Mean::default();
-    for frames in joints.windows(3) {
-        for ((before, here), after) in frames[0].iter().zip(&frames[1]).zip(&frames[2]) {
-            mean.sum += (*before + *after - 2.0 * *here).length();
-            mean.count += 1;
-        }
-    }
-    mean.value()
 }
 
 #[cfg(test)]

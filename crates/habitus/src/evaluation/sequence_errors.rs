@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::distribution::Distribution;
 use super::sequence_accuracy::{
-    AccuracyError, SequenceAccuracy, SequenceTruth, centred, distances_mm, jitter, mean, sequence_accuracy,
+    AccuracyError, ComparedSequence, SequenceAccuracy, SequenceTruth, centred, distances_mm, mean,
 };
 use crate::artifacts::codes::Code;
 use crate::artifacts::measurements::{Measurement, Quantity};
@@ -86,25 +86,22 @@ pub fn sequence_errors(
     truth: &SequenceTruth,
     measurements: [&[Measurement]; 2],
 ) -> Result<SequenceErrors, AccuracyError> {
-    let accuracy = sequence_accuracy(fit, truth, measurements)?;
+    let compared = ComparedSequence::new(fit, truth)?;
+    let accuracy = compared.accuracy(measurements)?;
+    let jitter_mm = compared.jitter_mm();
     let sequence = &fit.sequence;
-    let internal = |points: &[DVec3]| -> Vec<DVec3> {
-        points.iter().map(|point| sequence.input_frame.to_internal(*point)).collect()
-    };
     let mut posed = Distribution::default();
     let mut frames = Vec::with_capacity(sequence.frames.len());
-    let mut joints = [Vec::new(), Vec::new()];
-    for (index, frame) in sequence.frames.iter().enumerate() {
-        let distances = distances_mm(&fit.posed_vertices(index), &internal(&truth.posed_vertices[index]));
-        posed.extend(&distances);
-        let fitted_joints = fit.posed_skeleton(index).joints;
-        let true_joints = internal(&truth.joints[index]);
+    for (index, (frame, compared)) in sequence.frames.iter().zip(&compared.frames).enumerate() {
+        posed.extend(&compared.posed_mm);
         let own: Vec<DVec3> = frame.landmarks.iter().map(|landmark| landmark.position).collect();
-        let landmarks = truth.landmarks.get(index).map(|points| internal(points)).unwrap_or_default();
+        let landmarks: Vec<DVec3> = truth.landmarks.get(index).map_or_else(Vec::new, |landmarks| {
+            landmarks.iter().map(|landmark| sequence.input_frame.to_internal(*landmark)).collect()
+        });
         frames.push(FrameErrors {
             name: frame.name.clone(),
-            posed_mean_mm: mean(&distances),
-            mpjpe_mm: mean(&distances_mm(&fitted_joints, &true_joints)),
+            posed_mean_mm: mean(&compared.posed_mm),
+            mpjpe_mm: mean(&compared.joints_mm),
             landmarks_mm: distances_mm(&own, &landmarks),
             outside_share_5mm: Some(frame.outside_share_5mm)
                 .filter(|share| share.is_finite() && !frame.codes.contains(&Code::UnreadableFrame)),
@@ -112,26 +109,20 @@ pub fn sequence_errors(
             is_marked: !frame.is_ok(),
             seconds: Some(frame.seconds).filter(|seconds| seconds.is_finite() && *seconds > 0.0),
         });
-        joints[0].push(fitted_joints);
-        joints[1].push(true_joints);
     }
-    let rest_body = centred(&sequence.rest_vertices);
-    let rest_mm = distances_mm(&rest_body, &centred(&truth.rest_vertices));
     let rest_from_root_mm = distances_mm(
         &from_root(&sequence.rest_vertices, &sequence.rest_joints),
         &from_root(&truth.rest_vertices, &truth.rest_joints),
     );
-    let jitter_mm = [&joints[0], &joints[1]].map(|joints| jitter(joints) * 1000.0);
-    let measurements = measurement_errors(measurements);
     Ok(SequenceErrors {
         label,
         accuracy,
         posed,
         frames,
-        rest_mm,
+        rest_mm: compared.rest_mm,
         rest_from_root_mm,
-        rest_body,
-        measurements,
+        rest_body: centred(&sequence.rest_vertices),
+        measurements: measurement_errors(measurements),
         jitter_mm,
     })
 }
