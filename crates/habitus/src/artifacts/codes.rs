@@ -24,6 +24,8 @@ pub enum Code {
     JointAtLimit,
     /// Another start explains the frame almost as well.
     AmbiguousStart,
+    /// Another pose, with a joint elsewhere, explains the frame almost as well.
+    AmbiguousPose,
     /// An identity coefficient rests on ±3 standard deviations.
     IdentityAtLimit,
     /// The pose jumps from the frame before by more than a person can move.
@@ -76,6 +78,7 @@ impl Code {
             Self::BodyOutsideCapture => "body_outside_capture",
             Self::JointAtLimit => "joint_at_limit",
             Self::AmbiguousStart => "ambiguous_start",
+            Self::AmbiguousPose => "ambiguous_pose",
             Self::IdentityAtLimit => "identity_at_limit",
             Self::TemporalJump => "temporal_jump",
             Self::CaptureRescaled => "capture_rescaled",

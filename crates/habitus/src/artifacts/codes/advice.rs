@@ -4,7 +4,7 @@ use super::Code;
 
 impl Code {
     /// All codes, in the order of their declaration.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 20] = [
         Self::UnreadableFrame,
         Self::TooFewInliers,
         Self::CaptureNotCovered,
@@ -12,6 +12,7 @@ impl Code {
         Self::BodyOutsideCapture,
         Self::JointAtLimit,
         Self::AmbiguousStart,
+        Self::AmbiguousPose,
         Self::IdentityAtLimit,
         Self::TemporalJump,
         Self::CaptureRescaled,
@@ -38,6 +39,9 @@ impl Code {
             Self::BodyOutsideCapture => "Too much of the body lies outside the capture.",
             Self::JointAtLimit => "A joint angle rests on its limit.",
             Self::AmbiguousStart => "Another first pose explains the capture almost as well.",
+            Self::AmbiguousPose => {
+                "Another pose, with an arm or a leg elsewhere, explains the capture almost as well."
+            }
             Self::IdentityAtLimit => "The build of the person rests on the edge of the population.",
             Self::TemporalJump => "The pose jumps farther from one frame to the next than a person can move.",
             Self::CaptureRescaled => {
@@ -73,6 +77,9 @@ impl Code {
             Self::BodyNotCovered => "look whether the capture misses head or feet; trust those parts less",
             Self::JointAtLimit => "look at the frame in the report",
             Self::AmbiguousStart => "check front and back in the report; give landmarks for the first frame",
+            Self::AmbiguousPose => {
+                "look at arms and legs in the report; give landmarks for the frame with --landmarks"
+            }
             Self::IdentityAtLimit => "trust measurements less; a model of another population may fit better",
             Self::TemporalJump => {
                 "look at the frame and its neighbours; give landmarks or a higher frame rate"

@@ -598,8 +598,10 @@ pub struct CodeThresholds {
     pub jump_angle: f64,
     /// Largest move of the root between frames.
     pub jump_distance: f64,
-    /// A rival start within this ratio of the best energy is ambiguous.
+    /// A rival start or pose within this ratio of the best energy is ambiguous.
     pub rival_ratio: f64,
+    /// How far a joint of a rival pose must be from where it is to make a difference.
+    pub rival_distance: f64,
 }
 
 impl Default for CodeThresholds {
@@ -621,6 +623,7 @@ impl Default for CodeThresholds {
             jump_angle: 1.2,
             jump_distance: 0.4,
             rival_ratio: 1.08,
+            rival_distance: 0.1,
         }
     }
 }

@@ -470,6 +470,9 @@ impl<'a> Stage<'a> {
         if frame == 0 && track.rival_ratio < self.config.codes.rival_ratio {
             codes.push(Code::AmbiguousStart);
         }
+        if track.frames[frame].has_rival {
+            codes.push(Code::AmbiguousPose);
+        }
         let fitted = FittedFrame {
             name,
             pose,

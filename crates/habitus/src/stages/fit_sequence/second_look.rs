@@ -38,6 +38,7 @@ impl Stage<'_> {
             fit_from_input,
             usual_energy: usual_energy(frames),
             frames,
+            rivals: Vec::new(),
         };
         // Where another way was looked for, with nothing changed nearby since.
         let mut settled = [BTreeSet::new(), BTreeSet::new()];
@@ -57,6 +58,7 @@ impl Stage<'_> {
                 break;
             }
         }
+        motion.mark_rivals();
         Ok(())
     }
 }
@@ -69,6 +71,8 @@ struct TrackedMotion<'a> {
     fit_from_input: &'a FitFromInput,
     usual_energy: Option<f64>,
     frames: &'a mut [TrackedFrame],
+    /// Frames as they were found and not kept.
+    rivals: Vec<(usize, TrackedFrame)>,
 }
 
 impl TrackedMotion<'_> {
@@ -90,9 +94,13 @@ impl TrackedMotion<'_> {
             // The first of equals: nothing changes without a gain.
             let best = costs.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
             let taken = best.map_or(0, |(taken, _)| taken);
-            for (frame, tracked) in order[*place..].iter().zip(branch).take(taken) {
-                self.frames[*frame] = tracked;
-                changed.insert(*frame);
+            for (step, (frame, found)) in order[*place..].iter().zip(branch).enumerate() {
+                let mut other = found;
+                if step < taken {
+                    std::mem::swap(&mut self.frames[*frame], &mut other);
+                    changed.insert(*frame);
+                }
+                self.rivals.push((*frame, other));
             }
         }
         Ok(changed)
@@ -144,6 +152,18 @@ impl TrackedMotion<'_> {
             })
             .sum();
         energy + self.stage.config.track.unevenness_weight * unevenness
+    }
+
+    /// Marks the frames that another pose explains almost as well.
+    fn mark_rivals(&mut self) {
+        let codes = &self.stage.config.codes;
+        for (frame, rival) in std::mem::take(&mut self.rivals) {
+            let kept = &self.frames[frame];
+            let is_elsewhere = self.farthest_joint(&rival.pose, &kept.pose) > codes.rival_distance;
+            if is_elsewhere && rival.energy < codes.rival_ratio * kept.energy {
+                self.frames[frame].has_rival = true;
+            }
+        }
     }
 
     /// The frame at a place of the order, with a branch from its first place on instead of what is there.

@@ -33,6 +33,9 @@ pub(super) struct TrackedFrame {
     pub error: Option<String>,
     /// Whether the pose explains the frame well enough to vote on the identity.
     pub explains: bool,
+    /// Whether another pose explains it almost as well.
+    #[serde(default)]
+    pub has_rival: bool,
 }
 
 impl TrackedFrame {
@@ -46,6 +49,7 @@ impl TrackedFrame {
             capture_scale: 1.0,
             error,
             explains: false,
+            has_rival: false,
         }
     }
 
@@ -58,6 +62,7 @@ impl TrackedFrame {
             capture_scale: capture.capture_scale,
             error: None,
             explains,
+            has_rival: false,
         }
     }
 
