@@ -223,7 +223,13 @@ fn frame_share(
             scale: contact.scale,
             gap: contact.earlier.map_or(0.0, |earlier| earlier.expected_gap(pair.vertex as usize, config)),
         };
-        weigh_one_sided(pair, body.level.parts[pair.vertex as usize], inside, solver.surface);
+        let part = body.level.parts[pair.vertex as usize];
+        let is_inside = pair.signed_distance < 0.0 && !part.is_bare();
+        weigh_one_sided(pair, part, inside, solver.surface);
+        if is_inside {
+            // Cloth that hangs free leans: along its own normal it would draw hips up into the cone of a skirt.
+            pair.normal = normals[pair.vertex as usize];
+        }
     }
     pairs.extend(bare_capture_pairs(body.level, capture, &vertices, &normals, solver.surface));
     let closest = ClosestPoints::new(&pairs, DistanceForm::Plane);
