@@ -125,7 +125,7 @@ pub struct UserLandmark {
 }
 
 /// Fits one identity and a pose for each frame. Frames that were finished by an earlier, killed run are taken from the
-/// journal. Progress is reported as stages `start`, `track`, `refine`.
+/// journal. Progress is reported as stages `start`, `track`, `second look`, `refine`, `finish`.
 pub fn fit_sequence(
     source: &dyn FrameSource,
     model: &BodyModel,

@@ -42,10 +42,10 @@ impl Stage<'_> {
         };
         // Where another way was looked for, with nothing changed nearby since.
         let mut settled = [BTreeSet::new(), BTreeSet::new()];
-        for _ in 0..LARGEST_ROUND_COUNT {
+        for round in 0..LARGEST_ROUND_COUNT {
             let mut has_changed = false;
             for (direction, order) in [&backwards, &forwards].into_iter().enumerate() {
-                progress(observer, "track", order.len(), order.len())?;
+                progress(observer, "second look", round, LARGEST_ROUND_COUNT)?;
                 let places: Vec<usize> =
                     (1..order.len()).filter(|place| settled[direction].insert(order[*place])).collect();
                 let changed = motion.take_better_ways(order, &places)?;
