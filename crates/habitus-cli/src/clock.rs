@@ -41,6 +41,7 @@ impl StageClock {
                 let news = done.saturating_sub(self.frames.len()).max(1);
                 self.frames.resize(done.max(self.frames.len()), passed / news as f64);
             }
+            "second look" => self.seconds.track += passed,
             _ => self.seconds.refine += passed,
         }
     }

@@ -45,10 +45,10 @@ impl Stage<'_> {
         for round in 0..LARGEST_ROUND_COUNT {
             let mut has_changed = false;
             for (direction, order) in [&backwards, &forwards].into_iter().enumerate() {
-                progress(observer, "second look", round, LARGEST_ROUND_COUNT)?;
                 let places: Vec<usize> =
                     (1..order.len()).filter(|place| settled[direction].insert(order[*place])).collect();
                 let changed = motion.take_better_ways(order, &places)?;
+                progress(observer, "second look", round + 1, LARGEST_ROUND_COUNT)?;
                 has_changed |= !changed.is_empty();
                 for settled in &mut settled {
                     settled.retain(|frame| changed.iter().all(|changed| frame.abs_diff(*changed) > 2));
