@@ -227,7 +227,8 @@ fn frame_share(
         let is_inside = pair.signed_distance < 0.0 && !part.is_bare();
         weigh_one_sided(pair, part, inside, solver.surface);
         if is_inside {
-            // Cloth that hangs free leans: along its own normal it would draw hips up into the cone of a skirt.
+            // Deviation: P2 Eq. 7, 8 measure to the capture. Cloth that hangs free leans: along its own normal it would
+            // draw hips up into the cone of a skirt.
             pair.normal = normals[pair.vertex as usize];
         }
     }
